@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import TypedDict
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -22,6 +23,16 @@ LEVELS = 12
 GRADING = 1.5  # of a ramp's steps towards its lower pressure
 
 
+class Outside(TypedDict, total=False):
+    """The fields of a path that say what acts besides the pressure, and which surfaces carry that."""
+
+    gravity: Array
+    places: Array
+    pulls: Array
+    chambers: tuple[str, ...]
+    shares: Array
+
+
 @dataclass(frozen=True)
 class Path:
     """A pressure history: `time` (t,) s increasing and `pressure` (t,) MPa (dense log), output times (s,) s,
@@ -29,7 +40,8 @@ class Path:
 
     gravity: the acceleration (3,) mm/s2, or (t, 3) at every log time where the structure is turned between
     recordings. pulls: dead forces (h, 3) N, or (t, h, 3), at material points `places` (h, 3) mm: hung
-    weights, measured forces. Both change half way between two log times, and are there from the first on.
+    weights, measured forces. shares: what of the pressure each surface of `chambers` (c,) carries, (c,), or
+    (t, c). All change half way between two log times, and are there from the first on.
     """
 
     time: Array
@@ -39,6 +51,8 @@ class Path:
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     places: Array = field(default_factory=lambda: np.zeros((0, 3)))
     pulls: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    chambers: tuple[str, ...] = ()
+    shares: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         if self.pulls.shape not in (self.places.shape, (len(self.time), *self.places.shape)):
@@ -51,39 +65,50 @@ class Path:
                 f"gravity of shape {self.gravity.shape}: wanted (3,) or one row for each of the "
                 f"{len(self.time)} log times, mm/s2"
             )
+        if self.shares.shape not in ((c := len(self.chambers),), (len(self.time), c)):
+            raise ValueError(
+                f"shares of shape {self.shares.shape}: wanted ({c},), one for each chamber, or so many for "
+                f"each of the {len(self.time)} log times"
+            )
 
     @property
     def outside(self) -> Array:
-        """Gravity and the pulls beside it, (t, 3 + 3 h), or one row where neither changes."""
-        h = self.places.size
-        if self.gravity.ndim == 1 and self.pulls.ndim == 2:
-            return np.append(self.gravity, self.pulls)[None]
+        """Gravity, the pulls beside it and the shares, (t, 3 + 3 h + c), or one row where none changes."""
+        h, c = self.places.size, len(self.chambers)
+        if self.gravity.ndim == 1 and self.pulls.ndim == 2 and self.shares.ndim == 1:
+            return np.concatenate([self.gravity, self.pulls.ravel(), self.shares])[None]
         t = len(self.time)
         pulls = np.broadcast_to(self.pulls, (t, *self.places.shape)).reshape(t, h)
-        return np.concatenate([np.broadcast_to(self.gravity, (t, 3)), pulls], axis=1)
+        gravity, shares = np.broadcast_to(self.gravity, (t, 3)), np.broadcast_to(self.shares, (t, c))
+        return np.concatenate([gravity, pulls, shares], axis=1)
 
-    def under(self, row: Array) -> dict[str, Array]:
-        """The fields of a path that stays under one row (3 + 3 h,) of `outside`."""
-        return {"gravity": row[:3], "places": self.places, "pulls": row[3:].reshape(-1, 3)}
+    def under(self, rows: Array) -> "Outside":
+        """The fields of a path that stays under one row (3 + 3 h + c,) of `outside`, or of one whose log
+        times have rows (t, 3 + 3 h + c)."""
+        pulls, shares = np.split(rows[..., 3:], [self.places.size], axis=-1)
+        pulls = pulls.reshape(*rows.shape[:-1], *self.places.shape)
+        return {"gravity": rows[..., :3], "places": self.places, "pulls": pulls,
+                "chambers": self.chambers, "shares": shares}  # fmt: skip
 
     @property
     def turns(self) -> Integers:
-        """The log entries (k,) after which gravity or a pull changes."""
+        """The log entries (k,) after which gravity, a pull or a share changes."""
         g = self.outside
         return np.flatnonzero((g[1:] != g[:-1]).any(axis=1))
 
     def run(self, time: Array) -> Integers:
-        """The number (k,) of the stretch of constant gravity and pulls, from 0, that times (k,) s belong
-        to."""
+        """The number (k,) of the stretch of constant gravity, pulls and shares, from 0, that times (k,) s
+        belong to."""
         switch = (self.time[self.turns] + self.time[self.turns + 1]) / 2
         return np.searchsorted(switch, time, side="right")
 
     def outside_of(self, entries: Integers) -> Array:
-        """Gravity and pulls (k, 3 + 3 h) at log entries (k,)."""
-        return np.broadcast_to(self.outside, (len(self.time), 3 + self.places.size))[entries]
+        """Gravity, pulls and shares (k, 3 + 3 h + c) at log entries (k,)."""
+        size = 3 + self.places.size + len(self.chambers)
+        return np.broadcast_to(self.outside, (len(self.time), size))[entries]
 
     def outside_at(self, time: Array) -> Array:
-        """Gravity in mm/s2 and pulls in N (k, 3 + 3 h) at times (k,) s."""
+        """Gravity in mm/s2, pulls in N and shares (k, 3 + 3 h + c) at times (k,) s."""
         return self.outside_of(np.append(0, self.turns + 1))[self.run(time)]
 
     def at_output(self) -> Array:

@@ -66,6 +66,7 @@ def test_fit_anything(capsys: pytest.CaptureFixture[str]) -> None:
         assert number(rf"{name} .*95 %: #", text) == pytest.approx(value - 1.96 * sd, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_diagnose_table(capsys: pytest.CaptureFixture[str]) -> None:
     _, text = printed("diagnose_table", capsys)
     assert text.startswith("pressure_lag is missing.")
@@ -76,6 +77,7 @@ def test_diagnose_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert number(r"from # to", text) > 3 * number(r"; # mm is expected", text)
 
 
+@pytest.mark.slow
 def test_own_effect(capsys: pytest.CaptureFixture[str]) -> None:
     names, text = printed("own_effect", capsys)
     assert text.startswith("The effect keeps every promise.")
@@ -89,6 +91,7 @@ def test_own_effect(capsys: pytest.CaptureFixture[str]) -> None:
     assert number(r"by # mm for each", text) == pytest.approx((leak - none) / 2, rel=0.03)  # the curve bends
 
 
+@pytest.mark.slow
 def test_sobol_indices(capsys: pytest.CaptureFixture[str]) -> None:
     names, text = printed("sobol_indices", capsys)
     assert "The film sees least of gravity.density" in text

@@ -155,6 +155,7 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _option("ramp_s", float, 2.0, "time in which a held pressure is reached, s"),
         _option("hold_s", float, 2.0, "time for which it is held, s"),
         _option("gravity", str, "", "its direction X,Y,Z, if other than in the film"),
+        _option("shares", NAMES, [], "of several chambers, what of the pressure one carries, LEFT=1.0"),
         _flag("blocked", "also the force of the finger whose end is kept at its height"),
         _option("object", str, "", "also the force on a rigid object: cylinder:d=40,x=70,z=-30 (mm)"),
     ),

@@ -1,8 +1,9 @@
-"""Gravity and hung loads: their size and direction in a recording, and what they ask of the model.
+"""What acts in a recording beside the course of the pressure, and what that asks of the model.
 
 Gravity is an acceleration (3,) in mm/s2 in world axes. The targets state a direction for each block (one
-recording in one orientation), and what hangs on the finger in it; `of_targets` and `pulls_of` make the
-courses that a path needs, `ways` lists the different ones that act on its steps.
+recording in one orientation), what hangs on the finger in it, and which of several chambers carry the
+pressure; `of_targets`, `pulls_of` and `shares_of` make the courses that a path needs, `ways` lists the
+different ones that act on its steps.
 """
 
 from collections.abc import Callable
@@ -50,6 +51,26 @@ def pulls_of(targets: Targets, position: Callable[[int], Array]) -> tuple[Array,
     return places, force[_block_of_log(targets)]
 
 
+def shares_of(targets: Targets, case: Case) -> tuple[tuple[str, ...], Array]:
+    """The surfaces (c,) that the targets state shares of the pressure of, and these (t, c) at the times of
+    the pressure log. ValueError for a surface that the case does not put under pressure."""
+    if not targets.shares:
+        return (), np.zeros(0)
+    faces = case.surfaces[case.pressurised].tolist() if case.pressurised else []
+    loaded = {
+        name for name, own in case.surfaces.items()
+        if name != case.pressurised and len(own) and all(face in faces for face in own.tolist())
+    }  # fmt: skip
+    for name in targets.shares:
+        if name not in loaded:
+            wanted = ", ".join(sorted(loaded)) or "a deck with a pressure on each of several surfaces"
+            raise ValueError(
+                f"pressure_shares: the model has no pressure on a surface {name!r}; wanted {wanted}"
+            )
+    every = np.stack(list(targets.shares.values()), axis=1)
+    return tuple(targets.shares), every[_block_of_log(targets)]
+
+
 def force_of(load: Load, targets: Targets) -> Array:
     """The force (3,) N of a load. ValueError for a weight in a block whose gravity nobody states."""
     if load.weight_g is None:
@@ -71,8 +92,9 @@ def _block_of_log(targets: Targets) -> Integers:
 
 
 def ways(case: Case, path: Path) -> tuple[Array, Integers]:
-    """The different gravities in mm/s2 and pulls in N (g, 3 + 3 h) that act on a path's output steps, and
-    which of them (s,) on each; gravity is zero where nothing in the case has a density."""
+    """The different gravities in mm/s2, pulls in N and shares of the pressure (g, 3 + 3 h + c) that act on a
+    path's output steps, and which of them (s,) on each; gravity is zero where nothing in the case has a
+    density."""
     every = path.outside_at(path.output)
     every[:, :3] *= is_heavy(case)
     found, number = np.unique(every, axis=0, return_inverse=True)

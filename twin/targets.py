@@ -1,8 +1,8 @@
 """Displacement targets: what was measured, with all that is known of its errors."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -187,6 +187,7 @@ class Targets:
     pressure_sd: Array  # (s,) MPa, gauge noise of each step's pressure; 0 where not known
     noises: tuple[Noise, ...] = ()  # (blocks,) where each film has its own; `noise` is the least known then
     loads: tuple[Load, ...] = ()  # what hangs on the structure, by block
+    shares: Mapping[str, Array] = field(default_factory=dict)  # of the pressure, by surface: (blocks,)
     known: tuple[KnownValue, ...] = ()  # what is known of the parameters beside the film
     tails: float = 0.0  # degrees of freedom of Student's t, which the errors have; 0: they are normal
     curves: tuple[MaterialCurve, ...] = ()  # of tests of the silicone itself, fitted beside the displacements
@@ -284,6 +285,11 @@ def _check(t: Targets) -> None:
         raise ValueError(
             f"targets: gravity has shape {t.gravity.shape}; wanted one unit vector for each block"
         )
+    for surface, shares in t.shares.items():
+        if shares.shape != (int(t.block[-1]) + 1,):
+            raise ValueError(
+                f"targets: shares of {surface} have shape {shares.shape}; wanted one for each block"
+            )
     _check_loads(t)
     if not len(t.reference) or t.reference.min() < 0 or t.reference.max() >= len(t.time):
         raise ValueError(f"targets: reference steps must lie in 0..{len(t.time) - 1} and be at least one")

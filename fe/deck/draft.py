@@ -6,6 +6,7 @@ import numpy as np
 
 from fe.case import Block, Case, Equation, Support
 from fe.deck.joining import merged, of_sheets, tied, with_one_node
+from fe.deck.keywords import Keyword
 from fe.deck.kinds import RICHER, divides, one_type
 from fe.deck.meshdraft import MeshDraft, SheetSection, rows
 from fe.deck.mixed import in_tetrahedra
@@ -27,8 +28,9 @@ class Draft:
     turning: rotations that are held; shares: of the largest pressure, that of each loaded surface.
     here: what mesh keywords fill, `mesh` or a part; numbered: what was added to the labels of an instance;
     elastic: modulus and Poisson's ratio of *ELASTIC; instantaneous: whether a law's constants are;
-    amplitudes: the largest value of each, and whether it is absolute; remarks: sentences on what was read as
-    something else.
+    amplitudes: the largest value of each, and whether it is absolute; tables: their times and values over
+    that; courses: the first step of each loaded surface, and the table that it follows; pressed: by steps,
+    the last keyword and all pressures that act; remarks: sentences on what was read as something else.
     """
 
     file: str
@@ -55,6 +57,10 @@ class Draft:
     elastic: dict[str, tuple[float, float]] = field(default_factory=dict)
     instantaneous: dict[str, bool] = field(default_factory=dict)
     amplitudes: dict[str, tuple[float, bool]] = field(default_factory=dict)
+    tables: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    courses: dict[str, tuple[int, tuple[float, ...]]] = field(default_factory=dict)
+    steps: int = 0
+    pressed: dict[int, tuple[Keyword, dict[str, float]]] = field(default_factory=dict)
     material: str = ""
     remarks: dict[str, None] = field(default_factory=dict)
 

@@ -45,18 +45,20 @@ def step(draft: Draft, k: Keyword) -> None:
     """*STEP."""
     if k.parameters.get("NLGEOM", "NO" if "NLGEOM" not in k.parameters else "YES").upper() == "NO":
         raise k.error("*STEP without NLGEOM: wanted NLGEOM=YES, as displacements are large here")
+    draft.steps += 1
 
 
 def amplitude(draft: Draft, k: Keyword) -> None:
     """*AMPLITUDE, a table of times and values: its value that is largest in size."""
     if k.parameters.get("DEFINITION", "TABULAR").upper() not in ("TABULAR", "SMOOTH STEP"):
         raise k.error(f"*AMPLITUDE, DEFINITION={k.parameters['DEFINITION']}: wanted a table of times, values")
-    values = [k.numbers(line, words)[1::2] for line, words in k.data]
-    found = max((v for row in values for v in row), key=abs, default=0.0)
+    table = [v for line, words in k.data for v in k.numbers(line, words)]
+    found = max(table[1::2], key=abs, default=0.0)
     if not found:
         raise k.error("*AMPLITUDE of nothing but 0: wanted times and values, such as 0., 0., 1., 1.")
     absolute = k.parameters.get("VALUE", "RELATIVE").upper().startswith("ABS")
     draft.amplitudes[small(k.text("NAME"))] = found, absolute
+    draft.tables[small(k.text("NAME"))] = tuple(v / found if n % 2 else v for n, v in enumerate(table))
 
 
 def followed(draft: Draft, k: Keyword, value: float) -> float:
@@ -82,8 +84,7 @@ def dsload(draft: Draft, k: Keyword) -> None:
             )
         if words[1].upper() != "P":
             raise k.error(f"*DSLOAD {words[1]}: wanted P, a pressure", line)
-        draft.loads[name] = followed(draft, k, k.numbers(line, words[2:3])[0])
-    _note_pressure(draft, k)
+        _note_pressure(draft, k, name, followed(draft, k, k.numbers(line, words[2:3])[0]))
 
 
 def dload(draft: Draft, k: Keyword) -> None:
@@ -97,9 +98,7 @@ def dload(draft: Draft, k: Keyword) -> None:
         chosen = naming.members(draft, k, draft.mesh.element_sets, words[0], line)
         name, value = f"dload_{words[2]}", followed(draft, k, k.numbers(line, words[2:3])[0])
         draft.mesh.surfaces.setdefault(name, []).extend((e, side) for e in chosen)
-        draft.loads[name] = value
-    if any(words[1].upper() != "GRAV" for _, words in k.data):
-        _note_pressure(draft, k)
+        _note_pressure(draft, k, name, value)
 
 
 def _gravity(draft: Draft, k: Keyword, line: Place, words: list[str]) -> None:
@@ -113,17 +112,34 @@ def _gravity(draft: Draft, k: Keyword, line: Place, words: list[str]) -> None:
     draft.gravity = size * np.array(direction) / length
 
 
-def _note_pressure(draft: Draft, k: Keyword) -> None:
-    top = max(draft.loads.values(), key=abs)
-    shares = {name: value / top for name, value in draft.loads.items()} if top else {}
-    shares = shares if set(shares.values()) - {1.0} else {}
-    if draft.pressures and any(draft.pressures) and shares != draft.shares:
-        raise k.error("pressures in another ratio than in the step before: wanted one ratio in all steps")
-    if shares:
-        stated = ", ".join(f"{share:.4g} on {name}" for name, share in shares.items())
+def _note_pressure(draft: Draft, k: Keyword, name: str, value: float) -> None:
+    """Keep a surface's pressure, what it follows, and all that act in this step, as loads stay."""
+    table = draft.tables.get(small(k.parameters.get("AMPLITUDE", "")), ())
+    draft.loads[name] = value
+    draft.courses.setdefault(name, (draft.steps, table))
+    draft.pressed[draft.steps] = k, dict(draft.loads)
+
+
+def settle(draft: Draft) -> None:
+    """The pressure of every step, and what of it each surface carries, once all steps are read."""
+    for k, loads in draft.pressed.values():
+        top = max(loads.values(), key=abs)
+        shares = {name: value / top for name, value in loads.items()} if top else {}
+        draft.pressures.append(top)
+        if any(shares[name] != share for name, share in draft.shares.items() if name in shares):
+            raise k.error("pressures in another ratio than in the step before: wanted one ratio in all steps")
+        draft.shares |= shares
+    if not set(draft.shares.values()) - {1.0}:
+        draft.shares = {}
+    if draft.shares:
+        stated = ", ".join(f"{share:.4g} on {name}" for name, share in draft.shares.items())
         draft.remark(f"Surfaces carry shares of one pressure, which the log gives: {stated}.")
-    draft.shares = shares
-    draft.pressures.append(top)
+    if len(set(draft.courses.values())) > 1:
+        draft.remark(
+            f"{' and '.join(draft.courses)} are not filled at one time in the deck: in the model their "
+            "pressures rise together. Where a film fills one and another film the other, state "
+            "pressure_shares in each."
+        )
 
 
 def cload(draft: Draft, k: Keyword) -> None:

@@ -59,6 +59,7 @@ def read_deck(path: str | Path) -> Deck:
             except IndexError:
                 raise keyword.error(f"*{keyword.name}: its data lines hold too little; complete it") from None
     instances.end_instance(draft, keywords[-1])
+    loadkeywords.settle(draft)
     case, numbers = draft.case()
     for check in (check_collapsed, check_turned):
         check(case, numbers, str(path))

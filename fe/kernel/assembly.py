@@ -7,6 +7,7 @@ doi 10.1016/0045-7949(87)90265-3); those that belong to corners are unknowns of 
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
@@ -272,9 +273,24 @@ class Kernel:
         corners = self.connectivity[:, : self.modes] if self.element.shared else np.empty((0, 0), np.int64)
         self._corner = np.unique(corners, return_inverse=True)[1].reshape(corners.shape)
         self.shared = int(self._corner.max(initial=-1)) + 1
+        self._carrying = dict[str, Kernel]()  # by shares of the pressure
         self._widened: tuple[str, Wider] | None = None  # the newest, by what meets
         self._clamp_faces = np.flatnonzero(np.isin(self.pressure.faces, self.clamped).any(axis=1))
         self._clamp_elements = np.flatnonzero(np.isin(self.connectivity, self.clamped).any(axis=1))
+
+    def carrying(self, shares: Array | None) -> "Kernel":
+        """The kernel whose pressurised faces (f,) carry so much of the pressure; pattern and solver stay
+        common, as kernels are asked one after the other."""
+        key = digest(shares)
+        if key not in self._carrying:
+            free = np.zeros(self.dofs, bool)
+            free[self.free] = True
+            _ = self._places, self.matrix  # made before the copy, so that it has them, too
+            found = copy(self)
+            found.pressure = PressureFaces(self.pressure.faces, self.element, self.dofs // 3, shares)
+            found._open = found.pressure.open_edges(self.geometry.nodes, free)
+            self._carrying[key] = found
+        return self._carrying[key]
 
     @property
     def symmetric(self) -> bool:

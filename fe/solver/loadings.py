@@ -1,4 +1,5 @@
-"""A problem and its varied neighbours under each gravity, and each set of hung forces, along a path."""
+"""A problem and its varied neighbours under each gravity, with each set of hung forces and each share of the
+pressure, along a path."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ from fe.solver.varied import Differenced
 @dataclass(frozen=True)
 class Loadings:
     """Problems (g,) and the neighbours of each in every varied parameter; `of_run` (r,): which of them
-    belongs to each of the path's stretches of constant gravity and pulls."""
+    belongs to each of the path's stretches of constant gravity, pulls and shares."""
 
     path: Path
     problems: tuple[Problem, ...]
@@ -30,11 +31,11 @@ class Loadings:
         neighbours."""
         first = np.append(0, path.turns + 1)
         heavy = any(q.heavy for q in (problem, *(q for v in varied for q in (v.plus, v.minus))))
-        if not heavy and not path.pulls.any():
+        if not heavy and not path.pulls.any() and not path.chambers:
             return Loadings(path, (problem,), (tuple(varied),), np.zeros(len(first), np.int64))
         every = [path, *(w for pair in paths for w in pair)]
-        size = 3 + path.places.size
         rows = np.concatenate([w.outside_of(first) for w in every], axis=1)  # (r, size (1 + 2 v))
+        size = rows.shape[1] // len(every)
         _, at, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
         ways = [rows[k].reshape(-1, size) for k in at]
         return Loadings(
@@ -67,8 +68,10 @@ class Loadings:
 
 
 def _under(q: Problem, outside: Array, path: Path) -> Problem:
-    """The problem under a row (3 + 3 h,) of gravity and pulls at the places of a path."""
-    q = q.under(outside[:3])
-    for place, pull in zip(path.places, outside[3:].reshape(-1, 3), strict=True):
+    """The problem under a row (3 + 3 h + c,) of gravity, pulls and shares at the places and chambers of a
+    path."""
+    row = path.under(outside)
+    q = q.under(row["gravity"])
+    for place, pull in zip(path.places, row["pulls"], strict=True):
         q = replace(q, dead=spread(q.case, place).added(q.dead, pull)) if pull.any() else q
-    return q
+    return q.carrying(dict(zip(path.chambers, row["shares"].tolist(), strict=True)))

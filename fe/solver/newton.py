@@ -100,6 +100,7 @@ class Problem:
         bare = all(not q.layers and q.plane is None and q.walls is None for q in (self, other))
         return (
             bare
+            and self.kernel is other.kernel
             and self.geometry is other.geometry is self.kernel.geometry
             and self.case.clamp == other.case.clamp
             and np.array_equal(self.prescribed, other.prescribed)
@@ -183,6 +184,13 @@ class Problem:
             return self
         mass = self.kernel.masses(self.case.per_element("density"), self.geometry)
         return replace(self, dead=self.dead + mass[:, None] * gravity)
+
+    def carrying(self, shares: Mapping[str, float]) -> "Problem":
+        """The problem with surfaces that carry so much of the pressure, the others as before."""
+        if not shares:
+            return self
+        case = replace(self.case, shares={**self.case.shares, **shares})
+        return replace(self, case=case, kernel=self.kernel.carrying(case.pressure_shares))
 
     @property
     def shear(self) -> float:

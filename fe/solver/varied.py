@@ -3,7 +3,8 @@ answers to the difference of their residuals by the tangent that it has (direct 
 
 The two sides are solved nowhere; they share the base's mesh and held nodes. What they may change besides is
 carried whole: positions, materials, prescribed displacements, clamp, forces dead and growing, layer, plane,
-self-contact, precurvature, pressure, drift of the moduli, gravity, pulls. `refused` names what they may not.
+self-contact, precurvature, pressure, shares of a path, drift of the moduli, gravity, pulls.
+`refused` names what they may not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -74,7 +75,9 @@ def _path_not_carried(base: Path, side: Path) -> str:
         return "`output`, the output times"
     if not _same(side.places, base.places):
         return "`places`, where forces pull"
-    return "" if _same(side.turns, base.turns) else "`gravity` or `pulls`, when they change"
+    if side.chambers != base.chambers:
+        return "`chambers`, the surfaces that carry shares of the pressure"
+    return "" if _same(side.turns, base.turns) else "`gravity`, `pulls` or `shares`, when they change"
 
 
 def _loaded_faces(case: Case) -> Integers | None:

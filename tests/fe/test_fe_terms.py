@@ -30,6 +30,7 @@ def energy_in(folder: Path, code: str = ENERGY) -> float:
     return float(done.stdout)
 
 
+@pytest.mark.slow
 def test_a_law_that_has_changed_is_compiled_anew(tmp_path: Path) -> None:
     shutil.copytree(Path(fe.__file__).parent, tmp_path / "fe", ignore=shutil.ignore_patterns("__pycache__"))
     before = energy_in(tmp_path)

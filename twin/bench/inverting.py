@@ -73,13 +73,14 @@ def pressure_for(
     ramp_s: float,
     hold_s: float,
     gravity: Array | None = None,
+    shares: Mapping[str, float] | None = None,
 ) -> Inverse:
     """The lowest held pressure that gives a wanted displacement of one of the places (3,) mm, by name.
 
     Displacements at RUNGS pressures, then Newton's method on what is predicted. ValueError where no pressure
     up to BEYOND times the tested one gives it.
     """
-    held = partial(WantedCourse.held, ramp_s=ramp_s, hold_s=hold_s, gravity=gravity)
+    held = partial(WantedCourse.held, ramp_s=ramp_s, hold_s=hold_s, gravity=gravity, shares=shares)
     own = {wanted.point: places[wanted.point]}
     tested, curve = float(bench.targets.log_pressure.max()), (np.zeros(1), np.zeros(1))
     begun = None

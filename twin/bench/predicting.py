@@ -6,7 +6,7 @@ way that the film could not show: C20 is uncertain then, as far as the film leav
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,20 +27,27 @@ LOW, HIGH = "end, low", "end, high"  # two points of the end face, whose turn is
 @dataclass(frozen=True)
 class WantedCourse:
     """Pressure (t,) MPa over time (t,) s, from 0 s on, the times (s,) s that are wanted, and the direction of
-    gravity (3,), None: that of the film's first block."""
+    gravity (3,), None: that of the film's first block. shares: what of the pressure surfaces carry; none: as
+    there."""
 
     time: Array
     pressure: Array
     output: Array
     gravity: Array | None = None
+    shares: Mapping[str, float] = field(default_factory=dict)
 
     @staticmethod
     def held(
-        pressure: float, *, ramp_s: float, hold_s: float, gravity: Array | None = None
+        pressure: float,
+        *,
+        ramp_s: float,
+        hold_s: float,
+        gravity: Array | None = None,
+        shares: Mapping[str, float] | None = None,
     ) -> "WantedCourse":
         """A ramp to a pressure in MPa, which is then held; wanted is its end."""
         time = np.cumsum([0.0, ramp_s, hold_s])
-        return WantedCourse(time, np.array([0.0, pressure, pressure]), time[-1:], gravity)
+        return WantedCourse(time, np.array([0.0, pressure, pressure]), time[-1:], gravity, shares or {})
 
     @staticmethod
     def logged(time: Array, pressure: Array, *, most: int) -> "WantedCourse":
@@ -199,6 +206,11 @@ def after(
         ways = [gravity[0] if one.gravity is None else one.gravity for one in courses]
         gravity = np.concatenate([gravity, np.reshape(ways, (n, 3))])
 
+    shares = {
+        name: np.append(own, [one.shares.get(name, own[0]) for one in courses])
+        for name, own in targets.shares.items()
+    }
+
     def longer(x: Array, fill: float = np.nan) -> Array:
         return np.concatenate([x, np.full((more, *x.shape[1:]), fill)])
 
@@ -212,7 +224,7 @@ def after(
         log_time=np.concatenate([t for t, _ in log]), log_pressure=np.concatenate([x for _, x in log]),
         reference=np.append(targets.reference, own) if targets.rests.any() else targets.reference,
         pressure_sd=longer(targets.pressure_sd, 0.0),
-        gravity=gravity,
+        gravity=gravity, shares=shares,
         noises=(*targets.noises, *targets.noises[:1] * n),
         loads=(*targets.loads, *(replace(load, block=last + 1 + k) for k in range(n) for load in again)),
     )  # fmt: skip

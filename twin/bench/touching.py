@@ -111,6 +111,8 @@ def beside(film: Model, course: WantedCourse, thing: RigidObject) -> Model:
         )
     test = film.test
     under = test.path.under(test.path.outside_of(np.array([0]))[0])
+    if course.shares:
+        under["shares"] = np.array([course.shares[name] for name in test.path.chambers])
     if course.gravity is not None:
         under["gravity"] = G * course.gravity
     path = Path(course.time, course.pressure, course.output, **under)

@@ -1,6 +1,7 @@
 """The command export: the calibrated finger for other programs, as a deck, as JSON, or as a table."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
@@ -118,6 +119,10 @@ def _deck(
             told.append(f"CalculiX has no elements for this deck: {why}.")
     creeps = any(m.prony for m in test.case.materials.values())
     weight = of_targets(bench.targets).reshape(-1, 3)[0]
+    if bench.targets.shares:
+        first = {name: float(shares[0]) for name, shares in bench.targets.shares.items()}
+        test = replace(test, case=replace(test.case, shares={**test.case.shares, **first}))
+        told.append("Its chambers carry the pressure as in the first film.")
     text = deck(test.case, pressure, gravity=weight, times=times if creeps else None)
     return (without_hybrid(text) if form == "calculix" else text), told
 

@@ -120,13 +120,15 @@ def run_predict(
     gravity: str = "",
     blocked: bool = False,
     object: str = "",  # noqa: A002 - as it is typed
+    shares: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Displacements of points and the turn of the tip, each with its 95 % interval, under held pressures or
     along the course of a log; or at the pressures that give wanted displacements.
 
     gravity: its direction, X,Y,Z, where it is another than in the film. blocked: the force, too, with which
     the finger presses when its end is kept at its height. object: a rigid object, as `twin.model.objects`
-    reads it; wanted is, too, with which force the finger presses on it.
+    reads it; wanted is, too, with which force the finger presses on it. shares: SURFACE=SHARE, what of the
+    pressure each of several chambers carries.
     """
     if object and inverse:
         raise ValueError("--object: wanted --pressure or --course beside it, not --inverse")
@@ -139,7 +141,8 @@ def run_predict(
     check_embedded(project, "twin predict")
     bench = Workbench.of(project)
     way = _gravity(bench, gravity)
-    courses = [replace(one, gravity=way) for one in courses]
+    carried = _shares(bench, shares)
+    courses = [replace(one, gravity=way, shares=carried) for one in courses]
     if thing is not None:
         beside(bench.model(), courses[0], thing)  # refuses before anything is solved
     record = files.read(FitRecord, fit_file(project))
@@ -148,12 +151,14 @@ def run_predict(
     inputs = [project.targets_folder, *project.deck_files(), *([course] if course else [])]
     extra = {
         "pressure": list(pressure), "inverse": list(inverse), "at": list(at), "ramp_s": ramp_s,
-        "hold_s": hold_s, "gravity": gravity, "blocked": blocked, "object": object,
+        "hold_s": hold_s, "gravity": gravity, "blocked": blocked, "object": object, "shares": list(shares),
     }  # fmt: skip
     with project.new_run("predict", inputs=inputs, extra=extra) as run:
         say.progress("predict", 0, 1)
         inverted = [
-            pressure_for(bench, record, one, places, say, ramp_s=ramp_s, hold_s=hold_s, gravity=way)
+            pressure_for(
+                bench, record, one, places, say, ramp_s=ramp_s, hold_s=hold_s, gravity=way, shares=carried
+            )
             for one in wanted
         ]
         if wanted:
@@ -235,6 +240,31 @@ def _gravity(bench: Workbench, text: str) -> Array | None:
             "twin.toml, and run `twin calibrate`"
         )
     return np.asarray(way / np.linalg.norm(way))
+
+
+def _shares(bench: Workbench, stated: Sequence[str]) -> dict[str, float]:
+    """What of the pressure each chamber carries, of words SURFACE=SHARE; nothing where none is given.
+    ValueError where they are not those of the films."""
+    if not stated:
+        return {}
+    known, found = bench.targets.shares, dict[str, float]()
+    for text in stated:
+        name, _, value = text.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise ValueError(f"--shares {text!r}: wanted SURFACE=SHARE, such as LEFT=1.0") from None
+    if not known:
+        raise ValueError(
+            f"--shares {', '.join(stated)}: the films have no pressure_shares, as their structure has one "
+            "chamber, or several with one pressure; leave it out"
+        )
+    if found.keys() != known.keys() or not any(found.values()) or not np.isfinite([*found.values()]).all():
+        raise ValueError(
+            f"--shares {', '.join(stated)}: wanted one for each of {', '.join(known)}, not all 0, such as "
+            + " ".join(f"--shares {name}=1.0" for name in known)
+        )
+    return found
 
 
 def check_times(ramp_s: float, hold_s: float) -> None:

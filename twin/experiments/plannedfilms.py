@@ -67,15 +67,15 @@ def in_film(model: Model, film: Film, points: Array) -> Model:
     begin = path.time[-1] + GAP - time[0]
     near = np.clip(np.searchsorted(path.time, before), 0, len(path.time) - 1)
     was = path.outside_of(near)
-    now = was[0] if film.gravity is None else np.append(G * np.asarray(film.gravity), 0 * was[0, 3:])
+    now, size = was[0].copy(), path.places.size
+    if film.gravity is not None:
+        now[: 3 + size] = np.append(G * np.asarray(film.gravity), np.zeros(size))
     outside = np.concatenate([was, np.tile(now, (len(time), 1))])
     course = Path(
         np.append(before, begin + time),
         np.append(path.pressure_at(before), pressure),
         np.append(path.output[model.reference], begin + output),
-        gravity=outside[:, :3],
-        places=path.places,
-        pulls=outside[:, 3:].reshape(len(outside), *path.places.shape),
+        **path.under(outside),
     )
     moving = np.append(test.moving, np.ones(len(points), bool))
     names = (*test.markers, *(f"new{k}" for k in range(1, len(points) + 1)))
@@ -178,9 +178,8 @@ def _strung(tests: Sequence[Test]) -> tuple[Case, Path]:
     prony = np.array(next((m.prony for m in tests[0].case.materials.values() if m.prony), ())).reshape(-1, 2)
     pressure = np.concatenate([_felt(test.path, prony) for test in tests])
     outside = np.concatenate([test.path.outside_at(test.path.output) for test in tests])
-    time, places = np.arange(len(pressure), dtype=float), tests[0].path.places
-    pulls = outside[:, 3:].reshape(len(outside), *places.shape)
-    course = Path(time, pressure, time, gravity=outside[:, :3], places=places, pulls=pulls)
+    time = np.arange(len(pressure), dtype=float)
+    course = Path(time, pressure, time, **tests[0].path.under(outside))
     return tests[0].case.with_material(prony=()), course
 
 

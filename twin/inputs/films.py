@@ -1,13 +1,14 @@
 """The films of a batch: each as a project of its own film, and their targets put together, a block a film."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from twin.inputs.recordings import measure_inputs
+from twin.project.chambers import shares_by_surface
 from twin.project.config import FilmTable
 from twin.project.folder import Project
 from twin.project.record import SourceFilm
@@ -79,14 +80,16 @@ class FilmTargets:
     targets: Targets
     held_out: bool = False
     gravity: tuple[float, float, float] | None = None
+    shares: Mapping[str, float] = field(default_factory=dict)  # of the pressure, by surface
 
     @staticmethod
     def of(film: OneFilm, targets: Targets) -> "FilmTargets":
         """Those of a film as it was measured."""
         table = film.table
         return FilmTargets(
-            name=film.name, log=film.log, targets=targets, held_out=table.held_out, gravity=table.gravity
-        )
+            name=film.name, log=film.log, targets=targets, held_out=table.held_out, gravity=table.gravity,
+            shares=table.pressure_shares,
+        )  # fmt: skip
 
 
 def joined(films: Sequence[FilmTargets]) -> tuple[Targets, list[SourceFilm]]:
@@ -163,6 +166,7 @@ def _together(films: Sequence[FilmTargets], moved: Sequence[Targets]) -> Targets
         log_time=log_time, log_pressure=log_pressure,
         reference=np.concatenate([t.reference + b for t, b in zip(moved, begins, strict=True)]),
         gravity=np.array(ways) / np.linalg.norm(ways, axis=1, keepdims=True) if ways else None,
+        shares=shares_by_surface({film.name: dict(film.shares) for film in films}),
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from fe import Case, Path
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Test
-from twin.gravity import of_targets, pulls_of
+from twin.gravity import of_targets, pulls_of, shares_of
 from twin.model.memo import KeptModel
 from twin.targets import Targets
 
@@ -15,9 +15,10 @@ def base_test(targets: Targets, case: Case) -> Test:
     moving = ~targets.fixed
     points = targets.places(case.position)
     places, pulls = pulls_of(targets, case.position)
+    chambers, shares = shares_of(targets, case)
     path = Path(
         targets.log_time, targets.log_pressure, targets.time, gravity=of_targets(targets), places=places,
-        pulls=pulls,
+        pulls=pulls, chambers=chambers, shares=shares,
     )  # fmt: skip
     return Test(case, path, np.nan_to_num(points), moving, targets.names)
 

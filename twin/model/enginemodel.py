@@ -174,6 +174,8 @@ def _refused(test: Test, jobs: EngineJobs) -> str:
         return "it is known to first order alone, from derivatives that no job gives"
     if test.path.stiffness is not None and np.any(test.path.stiffness != 1):
         return "moduli that drift with time; a job is one rise of the pressure"
+    if test.path.chambers:
+        return "chambers with another share of the pressure in each recording, which a job does not have"
     if np.any(test.path.pulls):
         return "a hung load or another force of the targets, which a job does not have"
     if test.case.contact is not None and test.case.contact.friction:

@@ -6,7 +6,6 @@ shape, and along them a cubic Hermite curve in the reduced pressure. Weight (of 
 its own) asks for the scale as well. A law whose shape has more than MOST numbers has no load paths.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial, reduce
 from itertools import product
@@ -18,6 +17,7 @@ from scipy.interpolate import BarycentricInterpolator
 from fe import Case, Path, solve
 from fe.case import digest
 from fe.element import Integers
+from fe.path import Outside
 from twin import effort
 from twin.gravity import under
 from twin.laws.law import Constants, RubberLaw
@@ -32,7 +32,7 @@ FIRST = 0.1  # reduced pressure that is tried first on a structure of which noth
 LEVELS = 18
 SCALES = 7
 BESIDE = 0.02  # of a shape's range is what a polynomial serves beyond its ends
-NOTHING: Mapping[str, Array] = {"gravity": np.zeros(3)}  # from outside
+NOTHING: Outside = {"gravity": np.zeros(3)}  # from outside
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def sheets(
     scales: tuple[float, float],
     wide: bool = False,
     held: tuple[float, ...] | None = None,
-    outside: Mapping[str, Array] = NOTHING,
+    outside: Outside = NOTHING,
 ) -> Sheets:
     """The load paths of a case between two scales in MPa; see `load_paths`."""
     x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SCALES) + 0.5) / SCALES)
@@ -173,7 +173,7 @@ def load_paths(
     scale: float = SCALE,
     wide: bool = False,
     held: tuple[float, ...] | None = None,
-    outside: Mapping[str, Array] = NOTHING,
+    outside: Outside = NOTHING,
 ) -> LoadPaths:
     """The load paths of a case at material points (p, 3) mm, followed to a reduced pressure `top` or to their
     end. law: of the silicone. cache: what gives the arrays; key: the case's fingerprint. scale: in MPa
@@ -203,7 +203,7 @@ def load_paths(
 
 
 def along_path(
-    case: Case, own: Constants, scale: float, reduced: Array, points: Array, outside: Mapping[str, Array]
+    case: Case, own: Constants, scale: float, reduced: Array, points: Array, outside: Outside
 ) -> Array:
     """Displacements (k, p, 3) mm along the path of constants of a scale, at reduced pressures (k,); NaN
     beyond its end."""

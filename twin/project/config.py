@@ -17,6 +17,7 @@ from twin.effects import labels
 from twin.laws.catalogue import LAWS, named_law
 from twin.laws.law import RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
+from twin.project.chambers import Shares, shares_by_surface
 from twin.project.targetschema import StillSteps
 from twin.tablemodel import (
     Direction,
@@ -340,6 +341,11 @@ class FilmTable(TableModel):
     gravity: Direction | None = Field(
         default=None,
         description="direction of gravity where the rig was turned; in every film, or in none",
+    )
+    pressure_shares: Shares = Field(
+        default_factory=dict,
+        description="of a deck with several chambers: what of the pressure each surface carries in this "
+        "film, such as {LEFT = 1.0, RIGHT = 0.0}; in every film, or in none",
     )
     held_out: bool = Field(
         default=False, description="true: predicted, never fitted"
@@ -970,6 +976,7 @@ def check_films(c: Config) -> None:
     if c.films and c.dic is not None:
         raise ValueError("films: [dic] takes one film; remove [[films]] or [dic]")
     _check_gravity(c)
+    shares_by_surface({f"films: {film.name}": film.pressure_shares for film in c.films})
 
 
 def _check_gravity(c: Config) -> None:

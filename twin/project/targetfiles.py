@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.project import files
+from twin.project.chambers import shares_by_surface
 from twin.project.csvtable import Table, read_table
 from twin.project.stillnoise import stated_noise, still_noise
 from twin.project.targetarrays import EXACT, FARTHEST, check_blocks, check_exact, check_log
@@ -214,7 +215,7 @@ def _kind_and_node(row: TargetMark) -> tuple[PointKind, int | None]:
 
 
 def _blocks(folder: Path, about: TargetsTable, grid: _Grid) -> dict[str, Any]:
-    """Mask held_out (s,), and gravity (blocks,3) or None."""
+    """Mask held_out (s,), gravity (blocks,3) or None, and shares of the pressure."""
     path = folder / "targets.toml"
     labels = sorted({b for b, _ in grid.labels})
     rows = {row.block: row for row in about.blocks}
@@ -223,14 +224,20 @@ def _blocks(folder: Path, about: TargetsTable, grid: _Grid) -> dict[str, Any]:
     for label in rows.keys() - set(labels):
         raise ValueError(f"{path}: block {label} is not in targets.csv, which has {labels}")
     held_out = np.array([b in rows and rows[b].held_out for b, _ in grid.labels])
+    out: dict[str, Any] = {"held_out": held_out, "gravity": None}
+    try:
+        stating = {f"block {b}": rows[b].pressure_shares if b in rows else {} for b in labels}
+        out["shares"] = shares_by_surface(stating)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
     stated = [rows[b].gravity for b in labels if b in rows and rows[b].gravity is not None]
     if not stated:
-        return {"held_out": held_out, "gravity": None}
+        return out
     if len(stated) != len(labels):
         raise ValueError(
             f"{path}: gravity is stated for {len(stated)} of {len(labels)} blocks; state all or none"
         )
-    return {"held_out": held_out, "gravity": np.array(stated)}
+    return out | {"gravity": np.array(stated)}
 
 
 def _loads(

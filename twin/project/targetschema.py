@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from twin.project.chambers import Shares
 from twin.tablemodel import NotNegative, Position, Positive, TableModel
 
 LIGHTEST, HEAVIEST = 0.1, 5000.0  # g, of a weight hung on a soft structure: others are in another unit
@@ -80,6 +81,11 @@ class TargetBlock(TableModel):
     )
 
     loads: tuple[LoadTable, ...] = Field(default=(), description="what hangs on the finger in this block")
+    pressure_shares: Shares = Field(
+        default_factory=dict,
+        description="of a deck with several chambers: what of the pressure each surface carries in this "
+        "block, such as {LEFT = 1.0, RIGHT = 0.0}; for all blocks or none",
+    )
     reference_steps: tuple[Step, ...] = Field(
         default=(), description="its own reference steps, where [reference] has each_block = true"
     )

@@ -85,6 +85,9 @@ def _toml(t: Targets) -> str:
         lines += ["", "[[blocks]]", f"block = {b}", f"held_out = {held_out}  # true: kept from every fit"]
         if t.gravity is not None:
             lines.append(f"gravity = {t.gravity[b].tolist()}  # unit vector in world axes")
+        if t.shares:
+            told = ", ".join(f"{_quoted(name)} = {float(shares[b])!r}" for name, shares in t.shares.items())
+            lines.append(f"pressure_shares = {{{told}}}")
         if hung := [_load_toml(load) for load in t.loads if load.block == b]:
             lines.append(f"loads = [{', '.join(hung)}]")
         if t.rests.any():

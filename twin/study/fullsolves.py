@@ -87,10 +87,9 @@ def _to_the_top(on: OnPaths) -> tuple[Case, Path]:
     an output, too."""
     bench, objective = on.bench, on.objective
     gravities, of_step = bench.gravities
-    top, rest = (bench.path.under(g) for g in gravities[of_step[objective.steps[:2]]])
     load = np.array([0.0, objective.pressure[0]])
     if not gravities.any():
         return bench.case, Path(load, load, load[1:])
-    both = {name: np.stack([rest[name], top[name]]) for name in ("gravity", "pulls")}
-    path = Path(np.array([0.0, 1.0]), load, np.array([0.0, 1.0]), places=rest["places"], **both)
+    top, rest = gravities[of_step[objective.steps[:2]]]
+    path = Path(np.array([0.0, 1.0]), load, np.array([0.0, 1.0]), **bench.path.under(np.stack([rest, top])))
     return under(bench.case, path), path

@@ -204,13 +204,14 @@ def _load_paths(
         top = reach(bench.case, bench.law, highest / own.scales[0], cache=cache, key=key)
     how: dict[str, Any] = {"cache": cache, "key": key, "top": top, "wide": wide}
     how["held"] = own.initial.shape if held is None and len(bench.law.shapes) > MOST else held
+    outside = [bench.path.under(g) for g in gravities]
     if bench.scales:
-        return Turned((load_paths(bench.case, where, bench.law, **how),), of_step)
+        alone = (load_paths(bench.case, where, bench.law, **how, outside=row) for row in outside)
+        return Turned(tuple(alone), of_step)
     low, high = own.scales
     # softer ones do not reach the top pressure: the table need not hold them
     scales = min(max(low, highest / top), 0.9 * high), high
     made = tuple(
-        sheets(bench.case, where, bench.law, **how, scales=scales, outside=bench.path.under(g))
-        for g in gravities
+        sheets(bench.case, where, bench.law, **how, scales=scales, outside=row) for row in outside
     )
     return Turned(made, of_step)

@@ -236,6 +236,30 @@ def test_a_pressure_of_two_surfaces_keeps_their_ratio(tmp_path: File) -> None:
     assert np.abs(moved(same, 0.01) - moved(deck.case, 0.01)).max() > 1e-3
 
 
+CHAMBERS = "*DSLOAD\nCHAMBER, P, 0.06\nSECOND, P, 0.03"
+
+
+@pytest.mark.parametrize(("second", "told"), [("0., 0., 1., 0.5", False), ("0., 0., 1., 0., 2., 1.", True)])
+def test_pressures_that_do_not_rise_together_are_told(tmp_path: File, second: str, told: bool) -> None:
+    text = decks.examples()["two pressures"].deck
+    ramps = f"*AMPLITUDE, NAME=ONE\n0., 0., 1., 1.\n*AMPLITUDE, NAME=TWO\n{second}\n"
+    load = "*DSLOAD, AMPLITUDE=ONE\nCHAMBER, P, 0.06\n*DSLOAD, AMPLITUDE=TWO\nSECOND, P, 0.03"
+    deck = read(tmp_path, ramps + text.replace(CHAMBERS, load))
+    assert dict(deck.case.shares) == {"chamber": 1.0, "second": 0.25 if "0.5" in second else 0.5}
+    assert any("state pressure_shares in each" in remark for remark in deck.remarks) == told
+
+
+def test_a_chamber_that_is_filled_in_a_later_step_is_told(tmp_path: File) -> None:
+    text = decks.examples()["two pressures"].deck
+    first, end = "*DSLOAD\nCHAMBER, P, 0.06", text.partition(CHAMBERS)[2]
+    later = text.replace(CHAMBERS, f"{first}{end}*STEP, NLGEOM\n*STATIC\n*DSLOAD\nSECOND, P, 0.06")
+    deck = read(tmp_path, later)
+    assert deck.pressures == (0.06, 0.06)
+    assert any("chamber and second are not filled at one time" in remark for remark in deck.remarks)
+    with pytest.raises(ValueError, match="in another ratio than in the step before"):
+        read(tmp_path, text + "*STEP, NLGEOM\n*STATIC\n*DSLOAD\nSECOND, P, 0.06\n*END STEP\n")
+
+
 def test_instances_keep_their_own_sets(tmp_path: File) -> None:
     deck = read(tmp_path, decks.examples()["*PART, *INSTANCE"].deck)
     names = set(deck.case.node_sets)

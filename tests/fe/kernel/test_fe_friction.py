@@ -140,6 +140,7 @@ def test_newton_converges_quadratically_where_it_slides(cube: Cube) -> None:
     assert found.iterations <= 5
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_whole_solves(stub: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(equilibrium.__kwdefaults__, "tolerance", 1e-9)
     points, path = np.array([stub.position(n) for n in (4401, 5848)]), rising(0.03)

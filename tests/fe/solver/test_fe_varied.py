@@ -56,7 +56,10 @@ def bar(cube: Cube) -> Case:
 def path() -> Path:
     hung = np.array([[4.0, 0.5, 0.5]])
     down = np.array([0.0, 0.0, -9810.0])
-    return Path(TIME, LOAD, TIME[2:], gravity=down, places=hung, pulls=np.array([[0.0, 0.0, -1e-3]]))
+    return Path(
+        TIME, LOAD, TIME[2:], gravity=down, places=hung, pulls=np.array([[0.0, 0.0, -1e-3]]), chambers=("z1",),
+        shares=np.ones(1),
+    )  # fmt: skip
 
 
 def of(part: str, **change: Callable[[float], object]) -> Map:
@@ -192,6 +195,8 @@ FIELDS = [
     Line("Path.gravity", along(gravity=turning), refused="`gravity`"),
     Line("Path.places", along(places=lambda p, x: p.places + x), refused="`places`"),
     Line("Path.pulls", along(pulls=lambda p, x: p.pulls * (1 + x) + [0.1 * x, 0.0, 0.0])),
+    Line("Path.shares", along(shares=lambda p, x: p.shares + x)),
+    Line("Path.chambers", along(chambers=lambda p, x: ("z0",)), refused="`chambers`"),
 ]  # fmt: skip
 
 

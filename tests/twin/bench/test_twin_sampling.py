@@ -138,6 +138,7 @@ def same(a: Sample, b: Sample) -> None:
     assert (a.solves, a.off, a.doubt) == (b.solves, b.off, b.doubt)
 
 
+@pytest.mark.slow
 def test_a_response_that_is_off_is_made_better_and_the_chain_run_again(monkeypatch: pytest.MonkeyPatch) -> None:
     memory, response = Memory(), Stub(wrong=3.0, until=1 + 4 + 1)
     one = sampler(memory, monkeypatch, response)
@@ -160,6 +161,7 @@ def test_a_response_that_is_off_is_made_better_and_the_chain_run_again(monkeypat
     same(sampler(killed, monkeypatch, response).sample(seed=1, most=20000), found)
 
 
+@pytest.mark.slow
 def test_a_response_that_stays_off_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sampling, "ROUNDS", 2)
     found = sampler(Memory(), monkeypatch, Stub(wrong=3.0, until=10**6)).sample(seed=1, most=20000)
@@ -265,6 +267,7 @@ def test_a_prior_is_a_factor_of_the_density_at_the_true_constants() -> None:
     assert Density(*given, (prior,))(outside)[0] == -np.inf
 
 
+@pytest.mark.slow
 def test_intervals_of_virtual_tests_hold_the_truth_as_often_as_they_say() -> None:
     """The small version of benchmarks/knowing.py."""
     found = knowing.coverage([knowing.trial(seed) for seed in range(12)])

@@ -76,6 +76,7 @@ def test_samples_that_differ_are_in_conflict_and_it_is_said() -> None:
     assert told(found, known=False).startswith("Nothing is known of the noise")
 
 
+@pytest.mark.slow
 def test_the_front_of_a_finger_whose_markers_disagree(
     coarsest_case: Case, make_targets: Callable[..., Targets], monkeypatch: pytest.MonkeyPatch
 ) -> None:

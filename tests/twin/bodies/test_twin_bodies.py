@@ -226,6 +226,7 @@ def test_an_arrow_is_as_long_as_it_says_and_lies_in_what_it_names(kind):
     assert checked_some
 
 
+@pytest.mark.slow
 def test_what_is_measured_of_a_tube_is_what_the_model_of_its_project_predicts(tmp_path, say, make_targets):
     """Targets of a finer lattice of the same tube, through `init` and the workbench."""
     body = TubeTable(length_mm=24.0, offset_mm=1.8).body

@@ -299,6 +299,7 @@ def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Sil
     assert pictures == {"/pictures/0", "/pictures/1", "/pictures/2"}
 
 
+@pytest.mark.slow
 def test_explain_shows_what_speaks_for_an_effect(chain: tuple[Project, Silent], tmp_path: Path) -> None:
     shutil.copytree(chain[0].root, tmp_path / "copy")
     project, say = Project.open(tmp_path / "copy", builtin=chain[0].builtin), Silent()
@@ -327,6 +328,7 @@ def test_explain_shows_what_does_not_speak_for_an_effect(chain: tuple[Project, S
     assert max(abs(row["explained"]) for row in found["shares"] if row["marker"] == "all") < 0.1
 
 
+@pytest.mark.slow
 def test_calibrate_fits_the_effects_of_twin_toml_again(chain: tuple[Project, Silent], tmp_path: Path) -> None:
     shutil.copytree(chain[0].root, tmp_path / "copy")
     project = Project.open(tmp_path / "copy", builtin=chain[0].builtin)
@@ -525,6 +527,7 @@ def test_a_profile_says_how_well_each_parameter_is_known(
         run_profile(without, say)
 
 
+@pytest.mark.slow
 def test_a_front_says_whether_points_contradict_each_other(
     chain: tuple[Project, Silent], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -181,6 +181,7 @@ def of_body(folder: Path, **model: object) -> Project:
     return Project.open(bare(folder, **model).root)
 
 
+@pytest.mark.slow
 def test_dimensions_of_other_bodies_are_varied_beside_their_object(tmp_path: Path, one_process: None) -> None:
     tube = {"length_mm": 24.0, "offset_mm": 1.8, "fibre_N_per_mm": 5.0}
     plain = of_body(tmp_path / "tube", body="tube", tube=tube)

@@ -131,6 +131,7 @@ def test_check_says_what_it_sees_of_each_film(project, measured, monkeypatch):  
         ('static_start_s = 90.0\n', "held_out = true\n", "all 2 have held_out = true, so nothing is left to fit"),
         ("film_start_s = 50.0", "gravity = [0.0, 0.0, 1.0]", "gravity stands in fast and not in the others"),
         ("film_start_s = 50.0", "gravity = [0.0, 0.0, 0.0]", "wanted a direction"),
+        ("film_start_s = 50.0", "pressure_shares = {left = 1.0}", "pressure_shares names left, that of films: slow none"),
         ("[[cameras]]\n", '[[cameras]]\nfilm = "raw/other.mp4"\n', "cameras.film = 'raw/other.mp4' beside"),
     ],
 )
@@ -226,6 +227,13 @@ def test_the_orientation_of_each_film_becomes_that_of_its_block():
     t, _ = joined([a, b])
     assert t.gravity is not None
     np.testing.assert_allclose(t.gravity, [[0, 0, -1], [1, 0, 0]], atol=1e-15)
+    assert not t.shares
+
+
+def test_the_chambers_of_each_film_become_those_of_its_block():
+    a, b = (film(name, sd=0.01, shares={"left": x, "right": 1 - x}) for name, x in (("a", 1.0), ("b", 0.0)))
+    t, _ = joined([a, b])
+    assert {name: shares.tolist() for name, shares in t.shares.items()} == {"left": [1.0, 0.0], "right": [0.0, 1.0]}
 
 
 def test_a_held_out_film_does_not_enter_the_fit_and_is_judged():
