@@ -19,8 +19,8 @@ def shares_by_surface(stated: Mapping[str, Shares]) -> dict[str, NDArray[np.floa
             first = next(iter(stated))
             raise ValueError(
                 f"{name}: pressure_shares names {', '.join(shares) or 'no surface'}, that of {first} "
-                f"{', '.join(surfaces) or 'none'}; wanted the same surfaces in each, 0.0 for one without "
-                "pressure"
+                f"{', '.join(surfaces) or 'none'}; wanted the same surfaces in each, with 0.0 for one that "
+                "has no pressure"
             )
         if shares and not any(shares.values()):
             raise ValueError(
