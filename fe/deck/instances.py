@@ -18,6 +18,8 @@ from fe.element import Array
 
 def part(draft: Draft, k: Keyword) -> None:
     """*PART: what follows belongs to it."""
+    if draft.instance is not None:
+        raise k.error("*PART within an *INSTANCE: wanted *END INSTANCE before it")
     name = small(k.parameters.get("NAME", ""))
     if name in draft.parts:
         raise k.error(f"*PART, NAME={name}: a second part of that name; wanted another")
@@ -26,6 +28,8 @@ def part(draft: Draft, k: Keyword) -> None:
 
 def end_part(draft: Draft, k: Keyword) -> None:
     """*END PART."""
+    if draft.instance is not None:
+        raise k.error("*END PART within an *INSTANCE: wanted *END INSTANCE, and *PART before its *END PART")
     draft.here = draft.mesh
 
 

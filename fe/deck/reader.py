@@ -47,6 +47,8 @@ def read_deck(path: str | Path) -> Deck:
     path = Path(path)
     text = read_keywords(path)
     keywords = text.keywords
+    if not keywords:
+        raise ValueError(f"{path}: no keyword in it; wanted an Abaqus deck with *NODE and *ELEMENT")
     unknown = [k for k in keywords if k.name not in READERS and k.name not in SILENT]
     if unknown:
         raise refused(unknown, path, READERS)

@@ -71,6 +71,13 @@ class SolvedList:
     def known(self) -> list[SolvedAt]:
         """Those that were solved, the oldest first."""
         rows = files.read(SolvedRows, self.path).root if self.path.exists() else ()
+        for row in rows:
+            if missing := set(self.law.names) - row.values.keys():
+                raise ValueError(
+                    f"{self.path}: {', '.join(sorted(missing))} is not among the constants "
+                    f"{dict(row.values)}; wanted those of {self.law.name}: remove the file, and the finer "
+                    "meshes are solved again"
+                )
         return [SolvedAt(self.law.of(row.values), row.top_MPa) for row in rows]
 
     def serving(

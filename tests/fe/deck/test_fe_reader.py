@@ -122,6 +122,8 @@ def test_a_mesh_of_halved_elements_comes_nearer_to_the_limit(tube_deck: Tube, tm
         ("*Include, input=mesh.inc", "*Include, input=nothing.inc", r"tube.inp line {line}: \*INCLUDE, INPUT=nothing.inc: no such file"),
         ("*Include, input=mesh.inc", "*Include, input=tube.inp", "the file includes itself"),
         ("*Output, field", "*Contact pair, x", r"not supported: \*CONTACT PAIR \(line {line}\)"),
+        ("*End Instance", "*End Part", r"line {line}: \*END PART within an \*INSTANCE: wanted \*END INSTANCE"),
+        ("*End Instance", "*Part, name=x", r"line {line}: \*PART within an \*INSTANCE: wanted \*END INSTANCE"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_it_is_named_with_its_line(
@@ -134,6 +136,13 @@ def test_what_is_wrong_with_it_is_named_with_its_line(
     deck.write_text(text.replace(old, new))
     with pytest.raises(ValueError, match=told.replace("{line}", str(line))):
         read_deck(deck)
+
+
+def test_a_deck_of_nothing_says_so(tmp_path: File) -> None:
+    for text in ("", "0.5\n", "** a comment\n"):
+        (tmp_path / "empty.inp").write_text(text)
+        with pytest.raises(ValueError, match=r"no keyword in it; wanted an Abaqus deck|wanted"):
+            read_deck(tmp_path / "empty.inp")
 
 
 def test_an_error_in_an_included_file_is_named_with_that_file(tube_deck: Tube, tmp_path: File) -> None:

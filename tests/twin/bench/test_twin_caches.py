@@ -56,6 +56,9 @@ def test_a_list_from_before_there_were_laws_is_read(tmp_path: Path) -> None:
     file = tmp_path / "solved.json"
     file.write_text('[{"C10": 0.2, "C01": 0.1, "top_MPa": 0.03}]')
     assert SolvedList(file).known == [SolvedAt(mooney_rivlin(0.2, 0.1), 0.03)]
+    file.write_text('[{"values": {"C10": 0.2}, "top_MPa": 0.03}]')
+    with pytest.raises(ValueError, match=r"C01 is not among the constants {'C10': 0.2}.*remove the file"):
+        list(SolvedList(file).known)
 
 
 @pytest.fixture
