@@ -93,6 +93,8 @@ def run_export(
             text, told = _deck(bench, record, wanted, form, (ramp_s, hold_s))
             name = "finger.inp"
             run.write_text(name, text)
+        if bench.targets.shares:
+            told.append("Its chambers carry the pressure as in the first film.")
         run.summary["headline"] = f"The calibrated finger as {name}."
     for line in told:
         say(line)
@@ -122,7 +124,6 @@ def _deck(
     if bench.targets.shares:
         first = {name: float(shares[0]) for name, shares in bench.targets.shares.items()}
         test = replace(test, case=replace(test.case, shares={**test.case.shares, **first}))
-        told.append("Its chambers carry the pressure as in the first film.")
     text = deck(test.case, pressure, gravity=weight, times=times if creeps else None)
     return (without_hybrid(text) if form == "calculix" else text), told
 

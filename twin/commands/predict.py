@@ -19,6 +19,7 @@ from twin.bench.positions import ON_FINGER_MM
 from twin.bench.predicting import NORMAL, Prediction, WantedCourse, predicted
 from twin.bench.touching import beside, rising, touched
 from twin.bench.workbench import Workbench
+from twin.commands.predictchambers import filling_notes, shares_of_words
 from twin.commands.predictobject import (
     PredictedContact,
     contact_csv,
@@ -141,7 +142,7 @@ def run_predict(
     check_embedded(project, "twin predict")
     bench = Workbench.of(project)
     way = _gravity(bench, gravity)
-    carried = _shares(bench, shares)
+    carried = shares_of_words(bench.targets, shares)
     courses = [replace(one, gravity=way, shares=carried) for one in courses]
     if thing is not None:
         beside(bench.model(), courses[0], thing)  # refuses before anything is solved
@@ -240,31 +241,6 @@ def _gravity(bench: Workbench, text: str) -> Array | None:
             "twin.toml, and run `twin calibrate`"
         )
     return np.asarray(way / np.linalg.norm(way))
-
-
-def _shares(bench: Workbench, stated: Sequence[str]) -> dict[str, float]:
-    """What of the pressure each chamber carries, of words SURFACE=SHARE; nothing where none is given.
-    ValueError where they are not those of the films."""
-    if not stated:
-        return {}
-    known, found = bench.targets.shares, dict[str, float]()
-    for text in stated:
-        name, _, value = text.partition("=")
-        try:
-            found[name.strip()] = float(value)
-        except ValueError:
-            raise ValueError(f"--shares {text!r}: wanted SURFACE=SHARE, such as LEFT=1.0") from None
-    if not known:
-        raise ValueError(
-            f"--shares {', '.join(stated)}: the films have no pressure_shares, as their structure has one "
-            "chamber, or several with one pressure; leave it out"
-        )
-    if found.keys() != known.keys() or not any(found.values()) or not np.isfinite([*found.values()]).all():
-        raise ValueError(
-            f"--shares {', '.join(stated)}: wanted one for each of {', '.join(known)}, not all 0, such as "
-            + " ".join(f"--shares {name}=1.0" for name in known)
-        )
-    return found
 
 
 def check_times(ramp_s: float, hold_s: float) -> None:
@@ -417,6 +393,7 @@ def _notes(bench: Workbench, courses: Sequence[WantedCourse], found: Sequence[Pr
             "seen the silicone's law there. The intervals there include a stiffening that the film could not "
             "show, but no contact and no buckling."
         )
+    out += filling_notes(t, courses[0].shares, asked_for)
     fast, faster = _rate(t.log_time, t.log_pressure), max(_rate(one.time, one.pressure) for one in courses)
     if faster > FASTER * fast:
         out.append(

@@ -21,6 +21,7 @@ from twin.commands.compare import run_compare
 from twin.commands.export import run_export
 from twin.commands.init import run_init
 from twin.commands.predict import run_predict
+from twin.commands.predictchambers import filling_notes
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets
@@ -104,8 +105,6 @@ def test_films_of_one_chamber_each_are_fitted_and_both_filled_is_predicted(
     assert found["C10"]["value"] + found["C01"]["value"] == pytest.approx(TRUTH, rel=0.1)
     run_compare(project, say)
     t = read_targets(project.targets_folder)
-    chosen = [f"--shares {n}" for n in SHARES]
-    assert len(chosen) == 2
     rows = run_predict(project, say, pressure=["50kPa"], shares=["left=0.5", "right=1.0"])["points"]
     sideways = {row["point"]: row["u_mm"][1] for row in rows}
     held_out = t.value[np.flatnonzero(t.block == 2)[4]]
@@ -113,14 +112,15 @@ def test_films_of_one_chamber_each_are_fitted_and_both_filled_is_predicted(
     assert alone["tip"] * t.value[4, 0, 1] > 0  # by default the shares of the first film
     assert sideways["tip"] == pytest.approx(held_out[0, 1], abs=0.1 * abs(held_out[0, 1]))
     assert sideways["tip"] * alone["tip"] < 0  # the fuller chamber pushes it to the other side
-
-
-def test_the_shares_are_kept_and_exported(project: Project, say: Lines) -> None:
-    assert 'pressure_shares = {"left" = 0.5, "right" = 1.0}' in (project.targets_folder / "targets.toml").read_text()
     run_export(project, say, form="abaqus", pressure="50kPa")
     text = next(p for p in project.root.rglob("*.inp") if "export" in str(p)).read_text()
     loads = text.partition("*DSLOAD")[2].splitlines()[1:3]
     assert [float(line.split(",")[2]) for line in loads] == [0.05, 0.0]
+    assert "Its chambers carry the pressure as in the first film." in say.lines
+
+
+def test_the_shares_are_kept(project: Project) -> None:
+    assert 'pressure_shares = {"left" = 0.5, "right" = 1.0}' in (project.targets_folder / "targets.toml").read_text()
 
 
 @pytest.mark.parametrize(("shares", "words"), [
@@ -132,6 +132,15 @@ def test_the_shares_are_kept_and_exported(project: Project, say: Lines) -> None:
 def test_shares_that_no_film_has_are_refused(project: Project, say: Lines, shares: list[str], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         run_predict(project, say, pressure=["50kPa"], shares=shares)
+
+
+def test_what_no_film_has_filled_is_said(project: Project) -> None:
+    t = read_targets(project.targets_folder)
+    assert filling_notes(t, {}, TOP) == ["The chambers carry the pressure as in the first film: left 1, right 0."]
+    assert filling_notes(t, {"left": 0.5, "right": 1.0}, TOP) == []
+    told = filling_notes(t, {"left": 2.0, "right": 1.0}, TOP)
+    assert told[0].startswith("left is filled to 100 kPa, in the films to 50 kPa at most")
+    assert told[1:] == ["No film has filled the chambers so: left 2, right 1."]
 
 
 def test_a_surface_without_pressure_is_named(project: Project, tmp_path: Path) -> None:
