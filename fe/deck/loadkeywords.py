@@ -124,11 +124,12 @@ def settle(draft: Draft) -> None:
     """The pressure of every step, and what of it each surface carries, once all steps are read."""
     for k, loads in draft.pressed.values():
         top = max(loads.values(), key=abs)
-        shares = {name: value / top for name, value in loads.items()} if top else {}
         draft.pressures.append(top)
-        if any(shares[name] != share for name, share in draft.shares.items() if name in shares):
+        grown = [loads[name] / share for name, share in draft.shares.items() if share]
+        if grown and top and not np.allclose(grown, grown[0]):
             raise k.error("pressures in another ratio than in the step before: wanted one ratio in all steps")
-        draft.shares |= shares
+        if top:
+            draft.shares = {name: value / top for name, value in loads.items()}
     if not set(draft.shares.values()) - {1.0}:
         draft.shares = {}
     if draft.shares:

@@ -256,6 +256,7 @@ def test_a_chamber_that_is_filled_in_a_later_step_is_told(tmp_path: File) -> Non
     deck = read(tmp_path, later)
     assert deck.pressures == (0.06, 0.06)
     assert any("chamber and second are not filled at one time" in remark for remark in deck.remarks)
+    assert dict(read(tmp_path, later.replace("SECOND, P, 0.06", "SECOND, P, 0.12")).case.shares)["chamber"] == 0.5
     with pytest.raises(ValueError, match="in another ratio than in the step before"):
         read(tmp_path, text + "*STEP, NLGEOM\n*STATIC\n*DSLOAD\nSECOND, P, 0.06\n*END STEP\n")
 
