@@ -261,6 +261,8 @@ def _check_points(config: Config, deck: "Deck | None", shape: BodyTable | None, 
 
 def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]) -> Config:
     """A configuration for targets measured elsewhere; ValueError names points without a place."""
+    from twin.study.generations import moving_component
+
     finger = [p for p in targets.points if p.kind is not PointKind.FIXED]
     known = {p.name: _named(p) or stated.get(p.name) for p in finger}
     missing = [name for name, point in known.items() if point is None]
@@ -272,9 +274,9 @@ def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]
     if not points:
         raise ValueError("targets: all points are fixed markers; wanted at least one on the finger")
     objective = _objective(tuple(p.name for p in points))
-    return Config(
-        project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective)
-    )
+    component: Any = 1 + moving_component(targets, objective)
+    calibrate = CalibrateTable(objective_points=objective, objective_component=component)
+    return Config(project=ProjectTable(name=name), points=points, calibrate=calibrate)
 
 
 def _named(point: TargetPoint) -> PointTable | None:

@@ -1,6 +1,6 @@
 """Load paths and targets -> the reference study's genetic algorithm, generation by generation, resumable."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,9 @@ from twin.model.enginemodel import EnginePaths
 from twin.model.loadpaths import Turned
 from twin.project.folder import Run
 from twin.targets import Array, Targets
+
+SEEN = 5.0  # sds: a motion that is less tells a search little
+FAR = 5.0  # times as far along another axis: it is that along which the structure bends
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,8 @@ class Objective:
 
     @staticmethod
     def of(targets: Targets, names: tuple[str, ...], component: int) -> "Objective":
-        """The objective of targets; ValueError where a point is not observed at that step."""
+        """The objective of targets; ValueError where a point is not observed at that step, or the points move
+        along another axis."""
         step = first_arrival(targets)
         rows = np.array([targets.names.index(n) for n in names])
         measured = targets.value[step, rows, component]
@@ -40,6 +44,12 @@ class Objective:
             raise ValueError(
                 f"point {lost!r} has no U{component + 1} at step {step}, the first arrival at top pressure, "
                 "wanted a value in mm; choose other [calibrate] objective_points"
+            )
+        if (far := moving_component(targets, names, component)) != component:
+            raise ValueError(
+                f"calibrate.objective_component = {component + 1}: at the top pressure {', '.join(names)} "
+                f"hardly move in U{component + 1}, but in U{far + 1}, and constants that are fitted to noise "
+                f"are nobody's; write objective_component = {far + 1} under [calibrate] in twin.toml"
             )
         steps = np.append(step, targets.reference[targets.rests[targets.reference] == targets.rests[step]])
         return Objective(steps, rows, component, measured, targets.pressure[steps])
@@ -68,6 +78,16 @@ class Objective:
         own = [int(np.flatnonzero(rows == r)[0]) for r in self.rows]
         seen = u[:, own, self.component]
         return np.asarray(seen[: len(pressure)] - seen[len(pressure) :].mean(axis=0))
+
+
+def moving_component(targets: Targets, names: Sequence[str], component: int = 2) -> int:
+    """The component in which points move at the first arrival at top pressure: the one given, unless they
+    hardly move in it and far in another."""
+    step, rows = first_arrival(targets), [targets.names.index(n) for n in names]
+    size = np.sqrt((np.nan_to_num(targets.value[step, rows]) ** 2).mean(axis=0))
+    sd = np.sqrt(targets.covariance[step, rows, component, component].mean())
+    far = int(size.argmax())
+    return far if size[component] < SEEN * sd and size[far] > FAR * size[component] else component
 
 
 def first_arrival(targets: Targets) -> int:

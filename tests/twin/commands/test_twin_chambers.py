@@ -93,6 +93,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
     run_init(root / "p", Lines(), targets=root / "t", deck=root / "two.inp")
     toml = root / "p" / "twin.toml"
     text = toml.read_text().replace("population = 30", "population = 8").replace("generations = 20", "generations = 2")
+    assert "objective_component = 2" in text  # it bends to the side
     toml.write_text(text)
     return Project.open(root / "p")
 

@@ -111,6 +111,20 @@ def test_the_objective_is_the_rms_at_the_first_arrival(
     assert objective.cost(mooney_rivlin(0.05, 0.04), paths, np.array([0, 1])) == np.inf
 
 
+def test_points_that_move_along_another_axis_are_not_searched_by_their_noise(
+    make_targets: Callable[..., Targets],
+) -> None:
+    t = make_targets()
+    value = t.value.copy()
+    value[3, :2] = [[0.1, -1.1, 0.02], [0.0, -0.4, -0.01]]  # sds are 0.01 mm
+    aside = replace(t, value=value)
+    with pytest.raises(ValueError, match=r"tip, middle hardly move in U3, but in U2, .*write objective_component = 2"):
+        Objective.of(aside, ("tip", "middle"), 2)
+    assert Objective.of(aside, ("tip", "middle"), 1).component == 1
+    value[3, :2, 2] = [0.2, 0.1]  # little beside the other, and seen well
+    assert Objective.of(replace(t, value=value), ("tip", "middle"), 2).component == 2
+
+
 def test_a_point_that_is_not_seen_then_is_named(make_targets: Callable[..., Targets]) -> None:
     t = make_targets()
     value, valid = t.value.copy(), t.valid.copy()
