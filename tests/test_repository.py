@@ -1,5 +1,7 @@
 """What a fresh clone must hold: exact locks without hosts, no path of one machine, data of bounded size."""
 
+import ast
+import importlib
 import io
 import re
 import subprocess
@@ -96,3 +98,14 @@ def test_data_files_are_small() -> None:
     sizes = {path.relative_to(ROOT): path.stat().st_size for path in tracked()}
     assert {name: size for name, size in sizes.items() if size > 12e6} == {}
     assert sum(size for name, size in sizes.items() if name.parts[0] == "datasets") <= 30e6
+
+
+def test_scripts_import_what_is_there() -> None:
+    """Benchmarks and examples are run by hand: a name that has moved would be found by whoever types them."""
+    for path in (*(ROOT / "benchmarks").rglob("*.py"), *(ROOT / "examples").glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in PACKAGES:
+                there = importlib.import_module(str(node.module))
+                for alias in node.names:
+                    if not hasattr(there, alias.name):
+                        importlib.import_module(f"{node.module}.{alias.name}")

@@ -27,8 +27,8 @@ from fe.homogeneous import Kind, nominal_stress
 from twin import virtual
 from twin.bench.profiling import sd_of
 from twin.coupons.pulltest import PullTest
-from twin.effects.baselaw import NOMINAL
 from twin.judging.judged import Judged, judge
+from twin.laws.mooneyrivlin import NOMINAL
 from twin.model.basemodel import base_model
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.memo import KeptModel
