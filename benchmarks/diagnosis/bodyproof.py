@@ -85,7 +85,7 @@ def filmed(body: str, number: int, folder: Path, protocol: str) -> tuple[str, li
                         sigmas=SIGMAS if size is None else None, placement_mm=0.02, seed=80_000 + number,
                         body=BODIES[body],
                     )  # fmt: skip
-                except (ValueError, RuntimeError):  # so much of it leaves no wall, or no equilibrium
+                except ValueError:  # so much of it leaves no wall, or no equilibrium
                     continue
             (own,) = sealed(folder)
             if abs(own["size"]) <= abs(largest) * (1 + 1e-9) and own["sigmas"] >= LEAST:

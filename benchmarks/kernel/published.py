@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-import argparse
+from benchmarks.commandline import options
 
 import numpy as np
 
@@ -83,9 +83,5 @@ def figures(folder: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    found = figures(options.folder)
-    print(json.dumps(found, indent=None if options.json else 1))
+    typed = options(__doc__, {"folder": (Path, "where the decks are")}, json="one JSON line")
+    print(json.dumps(figures(typed.folder), indent=None if typed.json else 1))

@@ -1,9 +1,8 @@
 """A wanted displacement -> the held pressure that gives it, and what is uncertain of that."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -69,18 +68,14 @@ def pressure_for(
     wanted: Wanted,
     places: Mapping[str, Array],
     say: Say,
-    *,
-    ramp_s: float,
-    hold_s: float,
-    gravity: Array | None = None,
-    shares: Mapping[str, float] | None = None,
+    held: Callable[[float], WantedCourse],
 ) -> Inverse:
-    """The lowest held pressure that gives a wanted displacement of one of the places (3,) mm, by name.
+    """The lowest held pressure that gives a wanted displacement of one of the places (3,) mm, by name; held:
+    the course of a pressure in MPa.
 
     Displacements at RUNGS pressures, then Newton's method on what is predicted. ValueError where no pressure
     up to BEYOND times the tested one gives it.
     """
-    held = partial(WantedCourse.held, ramp_s=ramp_s, hold_s=hold_s, gravity=gravity, shares=shares)
     own = {wanted.point: places[wanted.point]}
     tested, curve = float(bench.targets.log_pressure.max()), (np.zeros(1), np.zeros(1))
     begun = None

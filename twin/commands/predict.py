@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -144,6 +145,7 @@ def run_predict(
     way = _gravity(bench, gravity)
     carried = shares_of_words(bench.targets, shares)
     courses = [replace(one, gravity=way, shares=carried) for one in courses]
+    held = partial(WantedCourse.held, ramp_s=ramp_s, hold_s=hold_s, gravity=way, shares=carried)
     if thing is not None:
         beside(bench.model(), courses[0], thing)  # refuses before anything is solved
     record = files.read(FitRecord, fit_file(project))
@@ -157,10 +159,7 @@ def run_predict(
     with project.new_run("predict", inputs=inputs, extra=extra) as run:
         say.progress("predict", 0, 1)
         inverted = [
-            pressure_for(
-                bench, record, one, places, say, ramp_s=ramp_s, hold_s=hold_s, gravity=way, shares=carried
-            )
-            for one in wanted
+            pressure_for(bench, record, one, places, say, held) for one in wanted
         ]
         if wanted:
             found, courses = [one.prediction for one in inverted], [one.course for one in inverted]

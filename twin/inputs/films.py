@@ -166,7 +166,7 @@ def _together(films: Sequence[FilmTargets], moved: Sequence[Targets]) -> Targets
         log_time=log_time, log_pressure=log_pressure,
         reference=np.concatenate([t.reference + b for t, b in zip(moved, begins, strict=True)]),
         gravity=np.array(ways) / np.linalg.norm(ways, axis=1, keepdims=True) if ways else None,
-        shares=shares_by_surface({film.name: dict(film.shares) for film in films}),
+        shares=shares_by_surface({film.name: film.shares for film in films}),
     )  # fmt: skip
 
 

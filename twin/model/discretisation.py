@@ -226,7 +226,7 @@ def meshes_key(test: Test, structure: Structure) -> str:
     meshes = [mesh.key for mesh in (structure.base, *structure.finer.values())]
     gravities, _ = ways(test.case, test.path)
     points = test.points[test.moving]
-    hung = gravities, test.path.places
+    hung = gravities, test.path.places, test.path.chambers
     return digest("meshes", code_digest(), meshes, points, repr(forces), *hung, SAMPLES, COUNT)
 
 

@@ -10,12 +10,12 @@ from pydantic import Field
 Shares = dict[str, Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]]
 
 
-def shares_by_surface(stated: Mapping[str, Shares]) -> dict[str, NDArray[np.float64]]:
+def shares_by_surface(stated: Mapping[str, Mapping[str, float]]) -> dict[str, NDArray[np.float64]]:
     """The shares (b,) of the logged pressure that each surface carries in the recordings, from those of each
     recording by its name. ValueError where recordings name other surfaces, or one presses on none."""
-    surfaces = next(iter(stated.values()), {}).keys()
+    surfaces = tuple(next(iter(stated.values()), ()))
     for name, shares in stated.items():
-        if shares.keys() != surfaces:
+        if shares.keys() != set(surfaces):
             first = next(iter(stated))
             raise ValueError(
                 f"{name}: pressure_shares names {', '.join(shares) or 'no surface'}, that of {first} "

@@ -66,12 +66,12 @@ def truth_test(case: Case, course: Path, points: Array) -> Test:
 
 def curves(test: Test, *, ways: Array | None = None) -> Array:
     """Displacements (w, k, p, 3) mm of a test's points at LEVELS in each direction of gravity (w, 3), without
-    history. RuntimeError where there is no equilibrium."""
+    history. ValueError where there is no equilibrium."""
     out = []
     for way in np.array(WAYS) if ways is None else ways:
         found = solve(test.case, Path(LEVELS, LEVELS, LEVELS, gravity=G * way), count=COUNT)
         if not found.converged:
-            raise RuntimeError(f"the truth {found.reason}")
+            raise ValueError(f"the truth {found.reason}")
         out.append(found.at(test.points))
     return np.array(out)
 
@@ -80,7 +80,7 @@ def history(test: Test) -> Array:
     """Displacements (s, p, 3) mm of a test's points along its whole course."""
     found = solve(test.case, test.path, count=COUNT)
     if not found.converged:
-        raise RuntimeError(f"the truth {found.reason}")
+        raise ValueError(f"the truth {found.reason}")
     return found.at(test.points)
 
 
@@ -120,7 +120,7 @@ def displaced(
     """True displacements (s, p, 3) mm of a truth's points (p, 3) mm along a course with all that is hidden,
     the unloaded finger being 0, and their slopes dU/dp (s, p, 3) mm per MPa.
 
-    count: levels of pressure that are solved. RuntimeError where there is no equilibrium.
+    count: levels of pressure that are solved. ValueError where there is no equilibrium.
     """
     if any(kind.whole for kind, _ in hidden):
         case = mirrored(case)
@@ -144,7 +144,7 @@ def _respond(
         test = kind.before(test, size)
     found = solve(test.case, test.path, count=count)
     if not found.converged:
-        raise RuntimeError(f"the truth {found.reason}; hide less of it")
+        raise ValueError(f"the truth {found.reason}; hide less of it")
     return found.at(test.points), found.per_pressure(test.points), test
 
 
@@ -163,7 +163,7 @@ def tangents(case: Case, course: Path, points: Array, kind: Kind) -> Array:
     ]
     found = solve(test.case, test.path, count=COUNT, variations=variations)
     if not found.converged:
-        raise RuntimeError(f"the truth {found.reason}")
+        raise ValueError(f"the truth {found.reason}")
     rows = found.variations_at(test.points)
     if kind.part == "picture":
         u = found.at(test.points)

@@ -141,7 +141,7 @@ def test_what_is_wrong_with_it_is_named_with_its_line(
 def test_a_deck_of_nothing_says_so(tmp_path: File) -> None:
     for text in ("", "0.5\n", "** a comment\n"):
         (tmp_path / "empty.inp").write_text(text)
-        with pytest.raises(ValueError, match=r"no keyword in it; wanted an Abaqus deck|wanted"):
+        with pytest.raises(ValueError, match="no keyword in it; wanted an Abaqus deck"):
             read_deck(tmp_path / "empty.inp")
 
 

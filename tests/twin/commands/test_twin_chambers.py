@@ -3,8 +3,8 @@
 The truth has other elements on another mesh; what is planted is the silicone alone.
 """
 
-import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 from benchmarks.kernel.smalldecks import RUBBER, lattice, rest, root
@@ -22,6 +22,9 @@ from twin.commands.export import run_export
 from twin.commands.init import run_init
 from twin.commands.predict import run_predict
 from twin.commands.predictchambers import filling_notes
+from twin.model.basemodel import base_model, base_test
+from twin.model.discretisation import meshes_key
+from twin.model.structure import Structure, skin
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets
@@ -38,9 +41,9 @@ RISE = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 0.0])  # of a film's pressures
 def deck(kind: str, cells: int, lines: tuple[tuple[float, ...], ...]) -> str:
     """A bar of 60 x 10 x 5 mm with two chambers side by side, held at x = 0."""
     x = (0.0, *np.linspace(2.0, LENGTH - 2.0, cells - 1).tolist(), LENGTH)
-    ends = [(axis[i] + axis[i + 1]) / 2 for axis in lines[:1] for i in range(len(axis) - 1)]
+    middles = [(a + b) / 2 for a, b in pairwise(lines[0])]
     void = {
-        (i, j, k) for i in range(1, cells - 1) for j, y in enumerate(ends) if 1 < abs(y) < 4
+        (i, j, k) for i in range(1, cells - 1) for j, y in enumerate(middles) if 1 < abs(y) < 4
         for k in range(1, len(lines[1]) - 2)
     }  # fmt: skip
     mesh = lattice(kind, lines=(x, *lines), void=void)
@@ -146,8 +149,6 @@ def test_what_no_film_has_filled_is_said(project: Project) -> None:
 
 def test_a_surface_without_pressure_is_named(project: Project, tmp_path: Path) -> None:
     t = replace(read_targets(project.targets_folder), shares={"upper": np.ones(3)})
-    from twin.model.basemodel import base_model
-
     case = own(tmp_path, "C3D20RH", 8, LINES)
     with pytest.raises(ValueError, match="no pressure on a surface 'upper'; wanted left, right"):
         base_model(t, case)
@@ -164,4 +165,11 @@ def test_films_must_name_the_same_surfaces(project: Project) -> None:
         with pytest.raises(ValueError, match=words):
             read_targets(project.targets_folder)
     path.write_text(text)
-    assert json.dumps(read_targets(project.targets_folder).shares["right"].tolist()) == "[0.0, 1.0, 1.0]"
+    assert read_targets(project.targets_folder).shares["right"].tolist() == [0.0, 1.0, 1.0]
+
+
+def test_chambers_that_change_places_have_other_finer_meshes(project: Project, tmp_path: Path) -> None:
+    t, case = read_targets(project.targets_folder), own(tmp_path, "C3D20RH", 8, LINES)
+    swapped = replace(t, shares={"right": t.shares["left"], "left": t.shares["right"]})
+    structure = Structure(case, "deck", {}, skin(case))
+    assert meshes_key(base_test(t, case), structure) != meshes_key(base_test(swapped, case), structure)

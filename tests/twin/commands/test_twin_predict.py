@@ -1,6 +1,7 @@
 """The command predict: what it is asked for, and how it refuses what it cannot answer."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -203,9 +204,11 @@ def test_the_pressure_for_a_displacement_gives_it(bench: Workbench, monkeypatch:
     monkeypatch.setattr(inverting, "_reached", reached)
     top, places = float(bench.targets.log_pressure.max()), {"tip": np.zeros(3)}
 
+    held = partial(WantedCourse.held, ramp_s=2.0, hold_s=2.0)
+
     def at(value: float) -> inverting.Inverse:
         wanted = Wanted("tip", 2, value)
-        return inverting.pressure_for(bench, None, wanted, places, lambda text: None, ramp_s=2.0, hold_s=2.0)  # type: ignore[arg-type]
+        return inverting.pressure_for(bench, None, wanted, places, lambda text: None, held)  # type: ignore[arg-type]
 
     found = at(moved(np.array(0.6 * top)) + 0.3)
     assert found.pressure == pytest.approx(0.6 * top, rel=1e-3)
