@@ -32,13 +32,14 @@ from twin.effects.labels import name_of
 from twin.virtual.hidden import KINDS
 
 BODIES = {
-    "pneunet": "pneunet:chambers=2,base_cap_mm=6",
-    "tube": "tube:length_mm=50",  # with a fibre's own stiffness load paths take 560 s
+    "pneunet": "pneunet:chambers=3,base_cap_mm=6",  # bends by 8 mm
+    # bends by 5 mm at 30 kPa without fibres, whose own stiffness makes load paths take 560 s
+    "tube": "tube:length_mm=120,chamber_width_mm=14.2,chamber_height_mm=13.2,offset_mm=0.7",
 }
 # A round tube has no flat bottom for a sheet.
 HIDDEN = {
-    "pneunet": ("strain_limiting_layer", "stiffening", "eccentric_core", "creep", "pressure_lag", "thermal",
-                "clamp", "wall_taper", "pressure_gain", "camera_scale"),
+    "pneunet": ("strain_limiting_layer", "precurvature", "eccentric_core", "creep", "pressure_lag", "thermal",
+                "tube", "wall_taper", "pressure_offset", "camera_scale"),
     "tube": ("eccentric_core", "stiffening", "creep", "pressure_lag", "thermal", "clamp", "precurvature",
              "wall_taper", "tube", "camera_scale"),
 }  # fmt: skip

@@ -38,12 +38,13 @@ PIVOT = 0.01
 class Symmetric:
     """One sparsity pattern, factorised many times; the symbolic analysis is done once.
 
-    indptr, indices: the CSR pattern of the upper triangle including the diagonal, numbers of 32 bits.
+    indptr, indices: the CSR pattern of the upper triangle including the diagonal, numbers of 32 bits. count:
+    how many times it was factorised; it solves with the newest factors alone.
     """
 
     def __init__(self, indptr: Places, indices: Places) -> None:
         self._indptr, self._indices = indptr, indices
-        self._n = len(indptr) - 1
+        self._n, self.count = len(indptr) - 1, 0
         self._analysed = False
         self._solver = PyPardisoSolver(mtype=-2) if PyPardisoSolver else None
         if self._solver is not None:
@@ -56,6 +57,7 @@ class Symmetric:
 
     def factorise(self, data: Array) -> None:
         """Factorise the matrix whose upper triangle has the values `data` (nnz,)."""
+        self.count += 1
         if self._solver is None:
             matrix = sp.csr_matrix((data, self._indices, self._indptr), shape=(self._n, self._n))
             full = matrix + sp.triu(matrix, 1).T

@@ -21,6 +21,11 @@ class Reduced:
         self._matrix.factorise(self._gather @ data)
 
     @property
+    def count(self) -> int:
+        """How many times it was factorised."""
+        return self._matrix.count
+
+    @property
     def negative(self) -> int | None:
         """How many eigenvalues of the reduced matrix are negative; None where that is not told."""
         return self._matrix.negative

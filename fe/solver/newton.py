@@ -253,13 +253,15 @@ class Residual:
 
 
 class Step:
-    """A factorised tangent at one state: solves for any right-hand side, clamp rotation included."""
+    """A factorised tangent at one state: solves for any right-hand side, clamp rotation included, until
+    another tangent on its kernel is factorised."""
 
     def __init__(self, problem: Problem, state: State, system: Linearised) -> None:
         self.problem, self.state = problem, state
         kernel, clamp = problem.kernel, problem.case.clamp
         self._matrix = system.wider.matrix if system.wider else kernel.matrix
         self._matrix.factorise(system.data)
+        self._count = self._matrix.count
         self.system = replace(system, data=np.empty(0))  # the matrix has it, and not longer than it needs
         below = self._matrix.negative
         # as many as there are shared pressures belong to the mixed form
@@ -274,6 +276,11 @@ class Step:
             (system.lever[kernel.clamped] * self._turn).sum() + (bend * system.force[kernel.clamped]).sum()
         )
 
+    @property
+    def newest(self) -> bool:
+        """Whether the factors are still its own: a step that failed leaves those of other states."""
+        return self._matrix.count == self._count
+
     @cached_property
     def slides(self) -> Flags | None:
         """Where (f, q) the surface slides on a plane, as this tangent has it, or None without a plane."""
@@ -286,7 +293,10 @@ class Step:
         return self._matrix.solve(self._side)
 
     def solve(self, residuals: Sequence[Residual]) -> list[State]:
-        """For each change of the residuals the change of state that cancels it."""
+        """For each change of the residuals the change of state that cancels it. RuntimeError where another
+        tangent on the kernel was factorised since."""
+        if not self.newest:
+            raise RuntimeError("a tangent on this kernel was factorised since; take the newest one")
         changes = self._symmetric(residuals)
         return changes if self._addition is None else [self._with(self._addition, c) for c in changes]
 
@@ -427,9 +437,9 @@ def equilibrium(
 ) -> Equilibrium:
     """The equilibrium at follower pressure `load` MPa, from `start`, in at most LIMIT factorisations.
 
-    last: the newest factorised tangent, of a neighbouring state; it serves as far as it can. exact: the
-    result's tangent is that of the equilibrium, as derivatives need it; otherwise it may be a nearby one's.
-    quick: it may be that with a `place`, too, from which a few corrections lead to derivatives
+    last: a factorised tangent of a neighbouring state; while it is the newest it serves as far as it can.
+    exact: the result's tangent is that of the equilibrium, as derivatives need it; otherwise it may be a
+    nearby one's. quick: it may be that with a `place`, too, from which a few corrections lead to derivatives
     (`fe.solver.corrected`). Never raises for lack of convergence: `reason` then says what stopped it.
     """
     kernel, state, before = problem.kernel, _consistent(problem, start), np.inf
@@ -440,12 +450,13 @@ def equilibrium(
     fine = np.inf if not exact else QUICK if quick and problem.bare else 0.0
     length, stalls = np.inf, 0  # of the correction by `last` itself; corrections of which little was left
     for iteration in range(LIMIT):
-        if last is not None and smooth and np.abs(state.u - last.state.u).max() < NEARBY * extent:
+        near = last if last is not None and last.newest and smooth else None
+        if near is not None and np.abs(state.u - near.state.u).max() < NEARBY * extent:
             newton = length if exact else np.inf
-            state, rate = _chord(problem, state, last, load, memory, small, fine, newton)
+            state, rate = _chord(problem, state, near, load, memory, small, fine, newton)
             if rate is not None and rate < fine:
                 place = Reached(problem, state, load, memory) if exact else None
-                return Equilibrium(state, last, iteration, "converged", place)
+                return Equilibrium(state, near, iteration, "converged", place)
         system, moment = _residuals(problem, state, load, memory)
         free = system.force.ravel()[kernel.free]
         if not np.isfinite(system.data).all():

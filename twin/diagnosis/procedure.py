@@ -22,7 +22,7 @@ from twin.diagnosis.shortlist import LATE, Progress, Task
 from twin.diagnosis.signatures import Signatures, prior_sd
 from twin.diagnosis.sizes import Detectable, smallest, unseen
 from twin.diagnosis.sizes import in_words as sizes_in_words
-from twin.diagnosis.wording import cannot, concluded, fallen
+from twin.diagnosis.wording import cannot, concluded, fallen, unrefitted
 from twin.effects.protocol import Effect, Unsolvable
 from twin.effects.standins import stand_ins
 from twin.experiments.benchchecks import in_words as checks_in_words
@@ -97,7 +97,8 @@ def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
     refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
     rows = tuple(replace(h, refit=refit) if h.label == found.law else h for h in found.ranking)
     found = replace(found, kept=judged, law_left=left, ranking=rows)
-    said = [found.sentence, left.words if left else "", fallen(found)]
+    inexact = left.words if left else ""
+    said = [found.sentence, inexact, unrefitted(found.ranking) if inexact else "", fallen(found)]
     return replace(found, sentence=" ".join(filter(None, said)))
 
 

@@ -9,6 +9,7 @@ from twin.effects.labels import KINDS, OR
 from twin.judging.comparison import Comparison, error_in_words
 from twin.judging.judged import Judged
 
+HALF = 0.5
 SHOWN = 3  # stand-ins and nearest effects that are told
 
 
@@ -111,6 +112,22 @@ def fallen(found: Diagnosis) -> str:
         f"The error falls from {found.before.raw_rms_mm:.3f} to {found.after.raw_rms_mm:.3f} mm rms with "
         f"{' and '.join(e.label for e in found.effects)}; {found.after.expected_mm:.3f} mm is expected of "
         "noise and errors that many values share."
+    )
+
+
+def unrefitted(rows: Sequence[Hypothesis]) -> str:
+    """The effects that were not refitted, as to first order they promise less, though more than HALF of what
+    the best refit reached; nothing where there are none. One of them may be the right one where a model is so
+    far off that the first order says little."""
+    done = {h.physics for h in rows if h.refit is not None}
+    best = max((h.evidence for h in rows if h.evidence is not None), default=0.0)
+    over = [h.physics for h in ranked(list(rows)) if not h.kind and h.hint > max(HALF * best, 0.0)]
+    left = [name for name in dict.fromkeys(over) if name not in done]
+    if not left:
+        return ""
+    return (
+        f"Not refitted, as to first order they explain less of it: {', '.join(left)}. One of them may fit "
+        f"exactly: `twin add {left[0]}` tries it."
     )
 
 

@@ -1,7 +1,8 @@
 """A mesh of Gmsh or VTK with named groups, as the Abaqus deck that a project has.
 
-A group of cells is a material, one of faces a surface; a mesh says neither loads nor laws: the groups that
-are under pressure and held are named, or tell by their names, and every material is nominal silicone.
+A group of cells is a material, one of faces a surface, or `meshskin` tells them; a mesh says neither loads
+nor laws: the groups that are under pressure and held are named, or tell by their names, and every material
+is nominal silicone. Tetrahedra of four nodes become those of ten.
 """
 
 import warnings
@@ -12,9 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from fe.element import ELEMENTS, Array, Integers
+from twin.formats.meshskin import groups_of_skin
 
 MESHES = (".msh", ".vtk", ".vtu")
-SOLIDS = {"tetra": "C3D4H", "tetra10": "C3D10H", "hexahedron": "C3D8H", "hexahedron20": "C3D20RH"}
+SOLIDS = {"tetra": "C3D10H", "tetra10": "C3D10H", "hexahedron": "C3D8H", "hexahedron20": "C3D20RH"}
+AXES = "xyz"
+EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))  # of a tetrahedron, as Abaqus lists their middles
 FACES = ("triangle", "triangle6", "quad", "quad8")  # in the same order as those of Abaqus
 PRESSURE = ("chamber", "pressure", "cavity", "inside", "inner")
 CLAMP = ("clamp", "root", "fixed", "base")
@@ -55,13 +59,16 @@ class Groups:
     faces: Mapping[str, Integers]
 
 
-def deck_of(path: Path, *, pressure: str = "", clamp: str = "", constants: tuple[float, float]) -> str:
+def deck_of(
+    path: Path, *, pressure: str = "", clamp: str = "", axes: str = "", constants: tuple[float, float]
+) -> str:
     """The deck of a mesh: its groups of cells as element sets of silicone with constants C10 and C01 in MPa.
 
-    pressure, clamp: the groups of faces that are loaded and held, by default those whose names say so.
-    ValueError where a group is not there, or none says so; the message lists the groups.
+    pressure, clamp: the groups of faces that are loaded and held, by default those whose names say so. axes:
+    which axes of the mesh are x, y and z of the deck, such as "-x,z,y". ValueError where a group is not
+    there, or none says so; the message lists the groups; for axes that mirror the mesh.
     """
-    mesh = _groups(path)
+    mesh = _groups(path, _turn(axes))
     loaded = _chosen(path, mesh, pressure, PRESSURE, "--pressure-set")
     held = _chosen(path, mesh, clamp, CLAMP, "--clamp-set")
     planes = {name: SYMMETRY[name.lower()] for name in mesh.faces if name.lower() in SYMMETRY}
@@ -95,8 +102,28 @@ def _chosen(path: Path, mesh: Groups, stated: str, known: tuple[str, ...], optio
     return found[0]
 
 
-def _groups(path: Path) -> Groups:
-    """The groups of a mesh file. ValueError for what cannot be read, or has no solid cells of one type."""
+def _turn(axes: str) -> Array:
+    """The rotation (3, 3) that three axes with their signs ask for. ValueError for other words."""
+    if not axes:
+        return np.eye(3)
+    words = [word.strip().lower() for word in axes.split(",")]
+    if sorted(word.lstrip("+-") for word in words) != list(AXES) or any(len(word) > 2 for word in words):
+        raise ValueError(f"--axes {axes}: wanted x, y and z once each, with their signs, such as -x,z,y")
+    turn = np.array([np.eye(3)[AXES.index(word[-1])] * (-1 if word[0] == "-" else 1) for word in words])
+    if np.linalg.det(turn) < 0:
+        raise ValueError(f"--axes {axes}: it mirrors the mesh; wanted a rotation, such as {words[0]},"
+                         f"{_other(words[1])},{words[2]}")  # fmt: skip
+    return turn
+
+
+def _other(word: str) -> str:
+    """An axis with the other sign."""
+    return word[-1] if word[0] == "-" else f"-{word[-1]}"
+
+
+def _groups(path: Path, turn: Array) -> Groups:
+    """The groups of a mesh file, turned. ValueError for what cannot be read, or has no solid cells of one
+    type."""
     import meshio
 
     try:
@@ -125,7 +152,20 @@ def _groups(path: Path) -> Groups:
     corners, _ = _named(mesh, FACES)
     own = len(ELEMENTS[SOLIDS[kind]].corners)
     surfaces = {name: corners[rows][:, :own] for name, rows in faces.items() if len(rows)}
-    return Groups(np.asarray(mesh.points, float)[:, :3], SOLIDS[kind], elements, cells, surfaces)
+    nodes = np.asarray(mesh.points, float)[:, :3] @ turn.T
+    if kind == "tetra":
+        nodes, elements = _with_middles(nodes, elements)
+    surfaces = surfaces or groups_of_skin(nodes, SOLIDS[kind], elements)
+    return Groups(nodes, SOLIDS[kind], elements, cells, surfaces)
+
+
+def _with_middles(nodes: Array, elements: Integers) -> tuple[Array, Integers]:
+    """Tetrahedra (e, 4) with a node in the middle of every edge, (e, 10): linear ones are too stiff for
+    rubber."""
+    pairs = np.sort(elements[:, EDGES].reshape(-1, 2), axis=1)
+    own, number = np.unique(pairs, axis=0, return_inverse=True)
+    middles = len(nodes) + np.asarray(number).reshape(len(elements), -1)
+    return np.concatenate([nodes, nodes[own].mean(axis=1)]), np.concatenate([elements, middles], axis=1)
 
 
 def _named(mesh: object, types: tuple[str, ...]) -> tuple[Integers, dict[str, Integers]]:

@@ -27,6 +27,6 @@ def stiffness_doubt(case: Case) -> str:
     if not np.isfinite(share):
         return f"{told}. Mesh it with C3D10H."
     return (
-        f"{told}: at a small pressure they move {100 * share:.2g} % less than 10-node ones on the same mesh. "
+        f"{told}: at a small pressure they move {100 * share:.0f} % less than 10-node ones on the same mesh. "
         "Mesh it with C3D10H."
     )

@@ -107,3 +107,21 @@ def test_a_solve_beside_another_has_the_same_answers_by_fewer_factorisations(
     np.testing.assert_allclose(du, slope, rtol=0, atol=2e-6 * np.abs(slope).max())
     before, *_ = asked(0.225, first.ahead(np.array([0.011])))
     assert near.iterations <= 0.75 * before.iterations
+
+
+def test_a_tangent_whose_factors_are_gone_does_not_serve(softened: Reached) -> None:
+    problem, load = softened.problem, softened.load
+    first = equilibrium(problem, softened.state, load=load)
+    assert first.state is not None
+    old = tangent_at(problem, first.state, load=load)
+    none = Residual(np.zeros_like(first.state.u), np.zeros_like(first.state.p), 0.0)
+    assert old.solve([none])
+    (turned,) = changes(softened, 1)
+    tangent_at(problem, moved(first.state, turned, 5.0), load=load)  # as a step that failed leaves it
+    with pytest.raises(RuntimeError, match="factorised since"):
+        old.solve([none])
+    near = first.state
+    again, fresh = (equilibrium(problem, near, load=1.02 * load, last=last) for last in (old, None))
+    assert again.state is not None
+    assert fresh.state is not None
+    np.testing.assert_array_equal(again.state.u, fresh.state.u)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 from benchmarks.kernel.actuatordecks import MIDDLE, TIP, write
@@ -146,3 +147,56 @@ def test_linear_tetrahedra_say_how_far_off_they_are(tube_deck: Callable[..., Pat
     assert stiffness_doubt(enriched(case)) == ""
 
 
+
+
+def hollow(path: Path, count: int = 4) -> Path:
+    """A cube of linear tetrahedra with a hollow cube in its middle, without a group."""
+    cut = (1, count - 1)
+    places = np.stack(np.meshgrid(*[np.arange(count + 1.0)] * 3, indexing="ij"), -1).reshape(-1, 3) * 5
+    number = np.arange((count + 1) ** 3).reshape((count + 1,) * 3)
+    cells = [
+        [number[i + a, j + b, k + c] for a, b, c in way]
+        for i, j, k in np.ndindex(count, count, count)
+        if not all(cut[0] <= x < cut[1] for x in (i, j, k))
+        for way in PATHS
+    ]
+    used, rows = np.unique(np.array(cells), return_inverse=True)
+    rows = rows.reshape(-1, 4)
+    volume = np.linalg.det(places[used][rows[:, 1:]] - places[used][rows[:, :1]])
+    rows[volume < 0] = rows[volume < 0][:, [0, 2, 1, 3]]
+    meshio.write(path, meshio.Mesh(places[used] - [20.0, 0.0, 0.0], [("tetra", rows)]))
+    return path
+
+
+# a cube as six tetrahedra along its diagonal: one for each order of the axes
+PATHS = [
+    np.concatenate([[[0, 0, 0]], np.cumsum(np.eye(3, dtype=int)[list(order)], axis=0)]) for order in permutations(range(3))
+]
+
+
+def test_a_mesh_without_groups_has_those_of_its_skin(tmp_path: Path) -> None:
+    file = hollow(tmp_path / "a.vtk")
+    with pytest.raises(ValueError, match=r"it has chamber, xmin, xmax, ymin, ymax, zmin, zmax; state --clamp-set"):
+        deck_of(file, constants=(0.2, 0.1))
+    (tmp_path / "a.inp").write_text(deck_of(file, clamp="xmin", axes="-x,-y,z", constants=(0.2, 0.1)))
+    case = of_deck(tmp_path / "a.inp").case
+    assert case.element.name == "C3D10H"
+    assert not case.nodes[case.clamped][:, 0].any()  # the end that was at x = 0 of the turned mesh
+    assert case.nodes[:, 0].max() == 20
+    chamber = case.nodes[np.unique(case.face_nodes(str(case.pressurised)))]
+    np.testing.assert_allclose(chamber.min(axis=0), [5.0, -15.0, 5.0])
+    np.testing.assert_allclose(chamber.max(axis=0), [15.0, -5.0, 15.0])
+
+
+@pytest.mark.parametrize(
+    ("axes", "said"),
+    [
+        ("-x,y,z", r"--axes -x,y,z: it mirrors the mesh; wanted a rotation, such as -x,-y,z"),
+        ("x,x,z", "--axes x,x,z: wanted x, y and z once each, with their signs"),
+        ("x,y", "wanted x, y and z once each"),
+        ("up,y,z", "wanted x, y and z once each"),
+    ],
+)  # fmt: skip
+def test_axes_that_are_no_rotation_are_refused(tmp_path: Path, axes: str, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        deck_of(hollow(tmp_path / "a.vtk"), clamp="xmin", axes=axes, constants=(0.2, 0.1))

@@ -1,7 +1,7 @@
 """What is concluded from all that was tried: every verdict, on models linear in their parameters."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -9,8 +9,10 @@ import pytest
 from tests.twin.diagnosis.toy import STEPS, Toy, pressure, smooth_field, targets, toy_effect
 from twin.diagnosis import procedure
 from twin.diagnosis.deciding import Diagnosis
+from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord
+from twin.diagnosis.wording import unrefitted
 from twin.effects.labels import KINDS
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect, Unsolvable
@@ -186,3 +188,20 @@ def test_an_effect_names_kinds_that_exist() -> None:
             assert law.generic == e.generic  # of every law of the same physics
     with pytest.raises(ValueError, match="effect 'rope': 'a force' is no kind of stand-in, wanted one of 'outside force'"):
         type("Rope", (Effect,), {"name": "rope", "generic": "a force"})
+
+
+def test_where_no_law_is_exact_what_was_not_refitted_is_told() -> None:
+    # a nonlinear base: to first order the true effect promises 0.6 of what a wrong law of another explains
+    rows = (
+        Hypothesis(effects=(EFFECTS[0],), hint=100.0, refit=cast("Refit", object()), score=score(120.0)),
+        Hypothesis(effects=(EFFECTS[1],), hint=70.0),
+        Hypothesis(effects=(EFFECTS[2],), hint=59.0),
+        Hypothesis(effects=(toy_effect("pull", kind="outside force"),), hint=90.0),
+    )
+    assert "explain less of it: beta. One" in unrefitted(rows)
+    assert "`twin add beta`" in unrefitted(rows)
+    assert unrefitted(rows[:1]) == ""
+
+
+def score(evidence: float) -> Score:
+    return Score(evidence=evidence, delta_bic=evidence, size=10.0, law=0.1, p_value=0.5)

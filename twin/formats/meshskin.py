@@ -1,0 +1,53 @@
+"""The skin of a mesh without groups of faces -> the groups that its shape tells.
+
+A closed skin within the outer one is a chamber; what lies flat on a side of the box around the mesh is that
+side, as a clamp or a plane of symmetry does.
+"""
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from fe.element import ELEMENTS, Array, Integers
+
+FLAT = 1e-6  # of the mesh's extent
+SIDES = ("min", "max")
+
+
+def groups_of_skin(nodes: Array, kind: str, elements: Integers) -> dict[str, Integers]:
+    """Groups (k, c) of faces by the nodes of their corners, of a mesh with nodes (n, 3) mm and elements
+    (e, m) of one type, an Abaqus name: `chamber`, all closed skins inside, each alone as `chamber1`, ..
+    where there are several; `xmin` to `zmax`, the flat ends of the outer skin."""
+    skin = _skin(kind, elements)
+    part = _parts(skin, len(nodes))
+    count = int(part.max()) + 1
+    extent = [np.ptp(nodes[skin[part == k]].reshape(-1, 3), axis=0).prod() for k in range(count)]
+    outer = int(np.argmax(extent))
+    found = [skin[part == k] for k in range(count) if k != outer]
+    out = {"chamber": np.concatenate(found)} if found else {}
+    if len(found) > 1:
+        out |= {f"chamber{k}": own for k, own in enumerate(found, start=1)}
+    low, high = nodes[skin].min(axis=(0, 1)), nodes[skin].max(axis=(0, 1))
+    faces = skin[part == outer]
+    for axis in range(3):
+        for side, at in zip(SIDES, (low[axis], high[axis]), strict=True):
+            flat = (np.abs(nodes[faces, axis] - at) < FLAT * (high - low).max()).all(axis=1)
+            if flat.any():
+                out["xyz"[axis] + side] = faces[flat]
+    return out
+
+
+def _skin(kind: str, elements: Integers) -> Integers:
+    """The corners (f, c) of the faces that belong to one element alone."""
+    element = ELEMENTS[kind]
+    corners = elements[:, element.faces[:, list(element.corners)]].reshape(-1, len(element.corners))
+    _, first, count = np.unique(np.sort(corners, axis=1), axis=0, return_index=True, return_counts=True)
+    return np.asarray(corners[np.sort(first[count == 1])], np.int64)
+
+
+def _parts(faces: Integers, nodes: int) -> Integers:
+    """The number (f,) of the part of the skin that each face belongs to, parts sharing no node."""
+    a, b = np.repeat(faces[:, 0], faces.shape[1]), faces.ravel()
+    joined = coo_matrix((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
+    _, label = connected_components(joined, directed=False)
+    return np.asarray(np.unique(label[faces[:, 0]], return_inverse=True)[1], np.int64)
