@@ -73,6 +73,7 @@ OPTIONS: dict[str, tuple[Parameter, ...]] = {
         _option("pressure_set", str, "", "of such a mesh: the group of faces under pressure"),
         _option("clamp_set", str, "", "of such a mesh: the group of faces that is held"),
         _option("axes", str, "", "of such a mesh: which are x, y, z: --axes=-x,z,y"),
+        _option("unit", str, "", "of such a mesh: its unit of length, such as m; else mm"),
         _option("like", Path | None, None, "project of a former batch on the same rig: "
                 "its twin.toml is copied"),
     ),

@@ -8,6 +8,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fe.case import Case
+from fe.deck.units import LENGTHS
 from fe.element import Array, Integers
 from fe.kernel.pressure import PressureFaces
 from fe.kernel.tying import dependence
@@ -72,9 +73,13 @@ def _check_size(case: Case, file: str) -> None:
     longest = float(np.ptp(case.nodes, axis=0).max())
     if SMALLEST_MM <= longest <= LARGEST_MM:
         return
-    units = {"m": 1000.0, "cm": 10.0, "inches": 25.4, "micrometres": 0.001}
-    likely = [u for u, factor in units.items() if 20.0 <= factor * longest <= 500.0]
-    hint = f"; are they in {' or '.join(likely)}?" if likely else ""
+    likely = [u for u in ("m", "cm", "in", "um") if 20.0 <= LENGTHS[u] * longest <= 500.0]
+    hint = (
+        f"; are they in {' or '.join(likely)}? Say so: ** units: {likely[0]}, N, s in a deck, --unit "
+        f"{likely[0]} with a mesh of Gmsh or VTK"
+        if likely
+        else ""
+    )
     raise ValueError(
         f"{file}: the mesh is {longest:.4g} mm long: wanted coordinates in mm, {SMALLEST_MM:g} to "
         f"{LARGEST_MM:g} mm for a finger{hint}"

@@ -41,7 +41,7 @@ def run_init(
     nodes: Sequence[str] = (), deck: Path | None = None, like: Path | None = None,
     density_kg_m3: float | None = None, finger: Sequence[str] = (), sd_mm: float | None = None,
     still: str = "", pressure_set: str = "", clamp_set: str = "", axes: str = "",
-    body: str = "finger",
+    unit: str = "", body: str = "finger",
 ) -> dict[str, Any]:
     """Make a folder with a complete twin.toml; `targets` and `deck` are checked and copied.
 
@@ -53,19 +53,20 @@ def run_init(
     finger: KEY=VALUE of a finger, such as length_mm=80.   sd_mm: of one position in another program's file;
     or, still: the rows whose scatter tells it, "holds" or such as "0-60,200-260".   pressure_set, clamp_set:
     of a mesh of Gmsh or VTK in the place of a deck, the groups of faces under pressure and held; axes: which
-    of its axes are x, y and z, such as "-x,z,y".
+    of its axes are x, y and z, such as "-x,z,y"; unit: of its lengths, by default mm.
     """
+    of_mesh = {"pressure_set": pressure_set, "clamp_set": clamp_set, "axes": axes, "unit": unit}
     if deck is not None and deck.suffix.lower() in MESHES:
         return _init_of_mesh(
-            folder, say, deck, (pressure_set, clamp_set, axes), targets=targets, form=form, nodes=nodes,
-            like=like, density_kg_m3=density_kg_m3, finger=finger, sd_mm=sd_mm, still=still,
+            folder, say, deck, of_mesh, targets=targets, form=form, nodes=nodes, like=like,
+            density_kg_m3=density_kg_m3, finger=finger, sd_mm=sd_mm, still=still,
         )  # fmt: skip
-    of_mesh = {"pressure-set": pressure_set, "clamp-set": clamp_set, "axes": axes}
     if any(of_mesh.values()):
-        typed = next(f"--{name} {value}" for name, value in of_mesh.items() if value)
+        name, value = next((name, value) for name, value in of_mesh.items() if value)
         raise ValueError(
-            f"{typed}: of a mesh of Gmsh or VTK, {', '.join(MESHES)}; a deck states pressure and clamp "
-            "itself, by *DSLOAD and *BOUNDARY, and has x along the finger, z up"
+            f"--{name.replace('_', '-')} {value}: of a mesh of Gmsh or VTK, {', '.join(MESHES)}; a deck "
+            "states pressure and clamp itself, by *DSLOAD and *BOUNDARY, has x along the finger, z up, and "
+            "another unit than mm by ** units: m, N, s"
         )
     if like is not None:
         from twin.commands.initlike import run_init_like
@@ -119,7 +120,7 @@ def run_init(
 
 
 def _init_of_mesh(
-    folder: Path, say: Say, mesh: Path, own: tuple[str, str, str], **stated: Any
+    folder: Path, say: Say, mesh: Path, own: Mapping[str, str], **stated: Any
 ) -> dict[str, Any]:
     """As `run_init`, with the deck that a mesh with groups makes."""
     from twin.laws.mooneyrivlin import NOMINAL
@@ -127,9 +128,7 @@ def _init_of_mesh(
     if not mesh.is_file():
         raise ValueError(f"--deck {mesh}: no such file; wanted an Abaqus input deck, or a mesh with groups")
     rubber = NOMINAL.material
-    pressure, clamp, axes = own
-    constants = rubber.C10, rubber.C01
-    text = deck_of(mesh, pressure=pressure, clamp=clamp, axes=axes, constants=constants)
+    text = deck_of(mesh, constants=(rubber.C10, rubber.C01), **own)
     with tempfile.TemporaryDirectory() as scratch:
         made = Path(scratch) / f"{mesh.stem}.inp"
         made.write_text(text, encoding="utf-8")

@@ -97,8 +97,8 @@ def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
     refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
     rows = tuple(replace(h, refit=refit) if h.label == found.law else h for h in found.ranking)
     found = replace(found, kept=judged, law_left=left, ranking=rows)
-    inexact = left.words if left else ""
-    said = [found.sentence, inexact, unrefitted(found.ranking) if inexact else "", fallen(found)]
+    inexact, wider = left.words if left else "", any(e.label != e.name for e in found.effects)
+    said = [found.sentence, inexact, unrefitted(found) if inexact or wider else "", fallen(found)]
     return replace(found, sentence=" ".join(filter(None, said)))
 
 

@@ -115,19 +115,19 @@ def fallen(found: Diagnosis) -> str:
     )
 
 
-def unrefitted(rows: Sequence[Hypothesis]) -> str:
+def unrefitted(found: Diagnosis) -> str:
     """The effects that were not refitted, as to first order they promise less, though more than HALF of what
     the best refit reached; nothing where there are none. One of them may be the right one where a model is so
     far off that the first order says little."""
-    done = {h.physics for h in rows if h.refit is not None}
-    best = max((h.evidence for h in rows if h.evidence is not None), default=0.0)
-    over = [h.physics for h in ranked(list(rows)) if not h.kind and h.hint > max(HALF * best, 0.0)]
+    done = {h.physics for h in found.ranking if h.refit is not None}
+    best = max((h.evidence for h in found.ranking if h.evidence is not None), default=0.0)
+    over = [h.physics for h in ranked(found.ranking) if not h.kind and h.hint > max(HALF * best, 0.0)]
     left = [name for name in dict.fromkeys(over) if name not in done]
     if not left:
         return ""
     return (
-        f"Not refitted, as to first order they explain less of it: {', '.join(left)}. One of them may fit "
-        f"exactly: `twin add {left[0]}` tries it."
+        f"Not refitted, as to first order they explain less of it: {', '.join(left)}. One of them may fit as "
+        f"well with fewer numbers: `twin add NAME` tries it in the place of {found.law}."
     )
 
 

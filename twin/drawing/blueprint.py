@@ -96,7 +96,8 @@ def _across(axes: Axes, case: Case, sketch: Sketch | None) -> None:
     if sketch is None:
         x = float(low[0] + high[0]) / 2
         shapes = cut(case, axis=0, place=x)
-        _material(axes, [*shapes, *(_mirrored(shapes) if low[1] > -1e-6 else [])])
+        half = any(s.components == (1,) for s in case.supports)  # held across alone, on a plane of symmetry
+        _material(axes, [*shapes, *(_mirrored(shapes) if half and low[1] > -1e-6 else [])])
         _finished(axes, f"Cut across (x = {x:.3g})", "y, mm", "")
         return
     left, right = (cut(case, axis=0, place=x) for x in (sketch.left, sketch.right))

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fe.deck.units import LENGTHS
 from fe.element import ELEMENTS, Array, Integers
 from twin.formats.meshskin import groups_of_skin
 
@@ -60,17 +61,21 @@ class Groups:
 
 
 def deck_of(
-    path: Path, *, pressure: str = "", clamp: str = "", axes: str = "", constants: tuple[float, float]
+    path: Path, *, constants: tuple[float, float], pressure_set: str = "", clamp_set: str = "",
+    axes: str = "", unit: str = "",
 ) -> str:
     """The deck of a mesh: its groups of cells as element sets of silicone with constants C10 and C01 in MPa.
 
-    pressure, clamp: the groups of faces that are loaded and held, by default those whose names say so. axes:
-    which axes of the mesh are x, y and z of the deck, such as "-x,z,y". ValueError where a group is not
-    there, or none says so; the message lists the groups; for axes that mirror the mesh.
+    pressure_set, clamp_set: the groups of faces that are loaded and held, by default those whose names say
+    so. axes: which axes of the mesh are x, y and z of the deck, such as "-x,z,y"; unit: of its lengths, by
+    default mm. ValueError where a group is not there, or none says so; the message lists the groups; for axes
+    that mirror the mesh, and an unknown unit.
     """
-    mesh = _groups(path, _turn(axes))
-    loaded = _chosen(path, mesh, pressure, PRESSURE, "--pressure-set")
-    held = _chosen(path, mesh, clamp, CLAMP, "--clamp-set")
+    if unit and unit.lower() not in LENGTHS:
+        raise ValueError(f"--unit {unit}: wanted a unit of length of {', '.join(LENGTHS)}")
+    mesh = _groups(path, _turn(axes) * LENGTHS[unit.lower() or "mm"])
+    loaded = _chosen(path, mesh, pressure_set, PRESSURE, "--pressure-set")
+    held = _chosen(path, mesh, clamp_set, CLAMP, "--clamp-set")
     planes = {name: SYMMETRY[name.lower()] for name in mesh.faces if name.lower() in SYMMETRY}
     sets = "\n".join(_listed(f"*ELSET, ELSET={name}", rows + 1) for name, rows in mesh.cells.items())
     solid = "*HYPERELASTIC, MOONEY-RIVLIN\n{:g}, {:g}, 0.".format(*constants)
@@ -122,8 +127,8 @@ def _other(word: str) -> str:
 
 
 def _groups(path: Path, turn: Array) -> Groups:
-    """The groups of a mesh file, turned. ValueError for what cannot be read, or has no solid cells of one
-    type."""
+    """The groups of a mesh file, turned and scaled by a matrix (3, 3). ValueError for what cannot be read, or
+    has no solid cells of one type."""
     import meshio
 
     try:

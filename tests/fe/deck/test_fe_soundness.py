@@ -55,9 +55,9 @@ def test_an_element_turned_inside_out_is_named(tube_deck: Tube, tmp_path: File, 
 @pytest.mark.parametrize(
     ("factor", "told"),
     [
-        (0.001, r"the mesh is 0.05 mm long: wanted coordinates in mm, 5 to 2000 mm for a finger; are they in m\?"),
-        (0.1 / 2.54, r"the mesh is 1.969 mm long: .*; are they in inches\?"),
-        (1000.0, r"50000\D* mm long: .*; are they in micrometres\?|5e\+04 mm long: .*; are they in micrometres\?"),
+        (0.001, r"the mesh is 0.05 mm long: wanted coordinates in mm, 5 to 2000 mm for a finger; are they in m\? Say so: .* --unit m "),
+        (0.1 / 2.54, r"the mesh is 1.969 mm long: .*; are they in in\?"),
+        (1000.0, r"50000\D* mm long: .*; are they in um\?|5e\+04 mm long: .*; are they in um\?"),
     ],
 )
 def test_another_unit_is_named(tube_deck: Tube, tmp_path: File, factor: float, told: str) -> None:

@@ -17,11 +17,12 @@ from fe.deck.reader import read_deck
 from fe.mesh.refine import enriched
 from twin import cli, virtual
 from twin.bench.workbench import structure_of
+from twin.commands.init import run_init
 from twin.formats.meshgroups import deck_of
 from twin.model.lineartets import stiffness_doubt
 from twin.model.structure import of_deck
 from twin.project.files import read_json
-from twin.project.folder import Project
+from twin.project.folder import Project, Silent
 from twin.project.targetwriting import write_targets
 
 NAMED = [a for n, x in (("tip", TIP), ("middle", MIDDLE)) for a in ("--node", f"{n}={','.join(map(str, x))}")]
@@ -119,7 +120,7 @@ def mesh_file(path: Path, kind: str = "msh") -> Path:
 @pytest.mark.parametrize(("name", "sets"), [("a.msh", ("", "End")), ("a.vtu", ("2", "3"))])
 def test_a_mesh_with_groups_becomes_a_deck(tmp_path: Path, name: str, sets: tuple[str, str]) -> None:
     file = mesh_file(tmp_path / name, Path(name).suffix[1:])
-    text = deck_of(file, pressure=sets[0], clamp=sets[1], constants=(0.2, 0.1))
+    text = deck_of(file, pressure_set=sets[0], clamp_set=sets[1], constants=(0.2, 0.1))
     (tmp_path / "a.inp").write_text(text)
     case = of_deck(tmp_path / "a.inp").case
     assert case.element.name == "C3D8H"
@@ -133,7 +134,7 @@ def test_a_group_that_is_not_there_is_named_with_those_that_are(tmp_path: Path) 
     with pytest.raises(ValueError, match=r"no group of faces is called clamp or .*; it has Chamber, End; state --clamp-set"):
         deck_of(file, constants=(0.2, 0.1))
     with pytest.raises(ValueError, match="no group of faces is called 'Hole'; it has Chamber, End; state --pressure-set"):
-        deck_of(file, pressure="Hole", constants=(0.2, 0.1))
+        deck_of(file, pressure_set="Hole", constants=(0.2, 0.1))
     (tmp_path / "b.msh").write_text("nothing of a mesh")
     with pytest.raises(ValueError, match=r"b\.msh: not a mesh that can be read"):
         deck_of(tmp_path / "b.msh", constants=(0.2, 0.1))
@@ -178,7 +179,7 @@ def test_a_mesh_without_groups_has_those_of_its_skin(tmp_path: Path) -> None:
     file = hollow(tmp_path / "a.vtk")
     with pytest.raises(ValueError, match=r"it has chamber, xmin, xmax, ymin, ymax, zmin, zmax; state --clamp-set"):
         deck_of(file, constants=(0.2, 0.1))
-    (tmp_path / "a.inp").write_text(deck_of(file, clamp="xmin", axes="-x,-y,z", constants=(0.2, 0.1)))
+    (tmp_path / "a.inp").write_text(deck_of(file, clamp_set="xmin", axes="-x,-y,z", constants=(0.2, 0.1)))
     case = of_deck(tmp_path / "a.inp").case
     assert case.element.name == "C3D10H"
     assert not case.nodes[case.clamped][:, 0].any()  # the end that was at x = 0 of the turned mesh
@@ -186,6 +187,19 @@ def test_a_mesh_without_groups_has_those_of_its_skin(tmp_path: Path) -> None:
     chamber = case.nodes[np.unique(case.face_nodes(str(case.pressurised)))]
     np.testing.assert_allclose(chamber.min(axis=0), [5.0, -15.0, 5.0])
     np.testing.assert_allclose(chamber.max(axis=0), [15.0, -5.0, 15.0])
+
+
+def test_a_mesh_in_metres_is_scaled(tmp_path: Path) -> None:
+    file = hollow(tmp_path / "a.vtk")
+    (tmp_path / "a.inp").write_text(deck_of(file, clamp_set="xmax", unit="cm", constants=(0.2, 0.1)))
+    assert np.ptp(of_deck(tmp_path / "a.inp").case.nodes[:, 0]) == pytest.approx(200.0)
+    with pytest.raises(ValueError, match="--unit ft: wanted a unit of length of mm, cm, m"):
+        deck_of(file, clamp_set="xmax", unit="ft", constants=(0.2, 0.1))
+
+
+def test_options_of_a_mesh_are_refused_with_a_deck(deck: dict[str, Path], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"--axes -x,z,y: of a mesh of Gmsh or VTK, .*\*\* units: m, N, s"):
+        run_init(tmp_path / "batch", Silent(), deck=deck["bellows"], axes="-x,z,y")
 
 
 @pytest.mark.parametrize(
@@ -199,4 +213,4 @@ def test_a_mesh_without_groups_has_those_of_its_skin(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_axes_that_are_no_rotation_are_refused(tmp_path: Path, axes: str, said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        deck_of(hollow(tmp_path / "a.vtk"), clamp="xmin", axes=axes, constants=(0.2, 0.1))
+        deck_of(hollow(tmp_path / "a.vtk"), clamp_set="xmin", axes=axes, constants=(0.2, 0.1))

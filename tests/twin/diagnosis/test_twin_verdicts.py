@@ -198,9 +198,10 @@ def test_where_no_law_is_exact_what_was_not_refitted_is_told() -> None:
         Hypothesis(effects=(EFFECTS[2],), hint=59.0),
         Hypothesis(effects=(toy_effect("pull", kind="outside force"),), hint=90.0),
     )
-    assert "explain less of it: beta. One" in unrefitted(rows)
-    assert "`twin add beta`" in unrefitted(rows)
-    assert unrefitted(rows[:1]) == ""
+    told = unrefitted(Diagnosis(verdict="alpha", sentence="", effects=EFFECTS[:1], ranking=rows))
+    assert "explain less of it: beta. One" in told
+    assert "in the place of alpha" in told
+    assert unrefitted(Diagnosis(verdict="alpha", sentence="", ranking=rows[:1])) == ""
 
 
 def score(evidence: float) -> Score:
