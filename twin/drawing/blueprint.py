@@ -95,9 +95,7 @@ def _across(axes: Axes, case: Case, sketch: Sketch | None) -> None:
     low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
     if sketch is None:
         x = float(low[0] + high[0]) / 2
-        shapes = cut(case, axis=0, place=x)
-        half = any(s.components == (1,) for s in case.supports)  # held across alone, on a plane of symmetry
-        _material(axes, [*shapes, *(_mirrored(shapes) if half and low[1] > -1e-6 else [])])
+        _material(axes, cut_across(case, x))
         _finished(axes, f"Cut across (x = {x:.3g})", "y, mm", "")
         return
     left, right = (cut(case, axis=0, place=x) for x in (sketch.left, sketch.right))
@@ -116,6 +114,14 @@ def cut(case: Case, *, axis: int, place: float) -> list[Array]:
     grid = grid_of(case.nodes, case.connectivity)
     plane = grid.slice(normal, origin=place * normal, generate_triangles=True)
     return list(np.delete(plane.points[plane.regular_faces], axis, axis=2))
+
+
+def cut_across(case: Case, place: float) -> list[Array]:
+    """The cut of a case at x = place mm, with its mirror image where it is half of a body: where it ends at
+    y = 0 in nodes that are held across alone."""
+    shapes = cut(case, axis=0, place=place)
+    half = any(s.components == (1,) for s in case.supports) and case.nodes[:, 1].min() > -1e-6
+    return [*shapes, *(_mirrored(shapes) if half else [])]
 
 
 def _mirrored(shapes: Sequence[Array]) -> list[Array]:

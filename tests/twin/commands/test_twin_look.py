@@ -15,7 +15,7 @@ from fe import Material, solve
 from twin import cli, virtual
 from twin.bench.positions import ON_FINGER_MM, places_of
 from twin.bench.workbench import Workbench, structure_of
-from twin.drawing.blueprint import cut
+from twin.drawing.blueprint import cut, cut_across
 from twin.drawing.driftchart import DriftCourse, drift_chart
 from twin.model.structure import BuiltIn, base_case
 from twin.project.config import PointTable
@@ -254,6 +254,15 @@ def test_a_cut_has_the_area_of_the_walls() -> None:
     assert area(cut(case, axis=0, place=50.0)) == pytest.approx(half, rel=1e-3)
     chamber = (g.length - g.base_cap - g.tip_cap) * (g.height - g.top - g.bottom)
     assert area(cut(case, axis=1, place=0.0)) == pytest.approx(g.length * g.height - chamber, rel=1e-3)
+
+
+def test_half_a_body_alone_is_mirrored_in_the_cut_across() -> None:
+    half = base_case()
+    whole = replace(half, supports=())  # the same walls, which nothing holds on a plane of symmetry
+    one, both = (cut(half, axis=0, place=40.0), cut_across(half, 40.0))
+    assert len(both) == 2 * len(one)
+    assert min(shape[:, 0].min() for shape in both) == -max(shape[:, 0].max() for shape in one)
+    assert len(cut_across(whole, 40.0)) == len(one)
 
 
 def area(shapes: list[np.ndarray]) -> float:
