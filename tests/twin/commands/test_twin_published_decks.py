@@ -202,6 +202,17 @@ def test_options_of_a_mesh_are_refused_with_a_deck(deck: dict[str, Path], tmp_pa
         run_init(tmp_path / "batch", Silent(), deck=deck["bellows"], axes="-x,z,y")
 
 
+def test_a_second_solid_is_no_chamber(tmp_path: Path) -> None:
+    mesh = meshio.read(hollow(tmp_path / "a.vtk"))
+    cells = mesh.cells_dict["tetra"]
+    both = meshio.Mesh(np.concatenate([mesh.points, mesh.points + [0, 40.0, 0]]),
+                       [("tetra", np.concatenate([cells, cells + len(mesh.points)]))])  # fmt: skip
+    meshio.write(tmp_path / "b.vtk", both)
+    text = deck_of(tmp_path / "b.vtk", clamp_set="xmin", pressure_set="chamber2", constants=(0.2, 0.1))
+    assert "groups silicone, chamber, chamber1, chamber2, xmin" in text
+    assert "chamber3" not in text
+
+
 @pytest.mark.parametrize(
     ("axes", "said"),
     [
