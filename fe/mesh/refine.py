@@ -119,8 +119,12 @@ def _support(s: Support, case: Case, sets: dict[str, Integers], spread: object) 
 
 def free_faces(case: Case) -> Integers:
     """The faces (f, 2) = (element, face) that belong to one element alone: the whole skin."""
-    kind = case.element
-    nodes = np.sort(case.connectivity[:, kind.faces[:, list(kind.corners)]], axis=2)  # (e, faces, corners)
+    return unshared(case.element, case.connectivity)
+
+
+def unshared(kind: Element, connectivity: Integers) -> Integers:
+    """As `free_faces`, of elements (e, m) of one kind."""
+    nodes = np.sort(connectivity[:, kind.faces[:, list(kind.corners)]], axis=2)  # (e, faces, corners)
     _, group, count = np.unique(
         nodes.reshape(-1, nodes.shape[2]), axis=0, return_inverse=True, return_counts=True
     )

@@ -145,7 +145,7 @@ def _groups(path: Path, turn: Array) -> Groups:
         )
     (kind,) = kinds
     elements, solid = _named(mesh, (kind,))
-    _, faces = _named(mesh, FACES)
+    corners, faces = _named(mesh, FACES)
     cells = {name: rows for name, rows in solid.items() if len(rows)}
     grouped = np.zeros(len(elements), int)
     for rows in cells.values():
@@ -154,7 +154,6 @@ def _groups(path: Path, turn: Array) -> Groups:
         raise ValueError(f"{path.name}: a cell is in two groups of cells; wanted one material for each cell")
     if (grouped == 0).any():
         cells["silicone"] = np.flatnonzero(grouped == 0)
-    corners, _ = _named(mesh, FACES)
     own = len(ELEMENTS[SOLIDS[kind]].corners)
     surfaces = {name: corners[rows][:, :own] for name, rows in faces.items() if len(rows)}
     nodes = np.asarray(mesh.points, float)[:, :3] @ turn.T

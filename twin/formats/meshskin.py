@@ -9,15 +9,18 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fe.element import ELEMENTS, Array, Integers
+from fe.mesh.refine import unshared
 
 FLAT = 1e-6  # of the mesh's extent
 SIDES = ("min", "max")
 
 
 def groups_of_skin(nodes: Array, kind: str, elements: Integers) -> dict[str, Integers]:
-    """Groups (k, c) of faces by the nodes of their corners, of a mesh with nodes (n, 3) mm and elements
-    (e, m) of one type, an Abaqus name: `chamber`, all closed skins inside, each alone as `chamber1`, ..
-    where there are several; `xmin` to `zmax`, the flat ends of the outer skin."""
+    """Groups (k, c) of faces, each by the nodes of its corners. `chamber`: all closed skins inside; each
+    alone is `chamber1`, .. where there are several. `xmin` to `zmax`: the flat ends of the outer skin.
+
+    nodes (n, 3) mm; elements (e, m) of one type, kind, an Abaqus name.
+    """
     skin = _skin(kind, elements)
     part = _parts(skin, len(nodes))
     filled = np.bincount(part, weights=_under(nodes - nodes.mean(axis=0), skin))
@@ -39,9 +42,8 @@ def groups_of_skin(nodes: Array, kind: str, elements: Integers) -> dict[str, Int
 def _skin(kind: str, elements: Integers) -> Integers:
     """The corners (f, c) of the faces that belong to one element alone."""
     element = ELEMENTS[kind]
-    corners = elements[:, element.faces[:, list(element.corners)]].reshape(-1, len(element.corners))
-    _, first, count = np.unique(np.sort(corners, axis=1), axis=0, return_index=True, return_counts=True)
-    return np.asarray(corners[np.sort(first[count == 1])], np.int64)
+    own, number = unshared(element, elements).T
+    return np.take_along_axis(elements[own], element.faces[number][:, list(element.corners)], axis=1)
 
 
 def _parts(faces: Integers, nodes: int) -> Integers:
