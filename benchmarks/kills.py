@@ -31,6 +31,7 @@ from benchmarks.commandline import options, told
 import numpy as np
 
 from fe import Finger, Lattice, solve
+from twin import files
 from twin.bench.fits import fit_file
 from twin.commands.calibrate import run_calibrate
 from twin.console import Console
@@ -40,7 +41,6 @@ from twin.executors.local import Processes, Serial
 from twin.judging.record import FitRecord
 from twin.model.basemodel import base_test
 from twin.model.structure import BuiltIn, base_case
-from twin.project import files
 from twin.project.config import CalibrateTable, Config, PointTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets

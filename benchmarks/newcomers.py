@@ -35,16 +35,16 @@ import numpy as np
 from fe import Lattice, Material
 from fe import Path as Course
 from fe.deck.calculix import CalculiX
-from twin import virtual
+from twin import files, virtual
 from twin.bench.fits import fit_file
 from twin.bench.predicting import WantedCourse, followed
 from twin.bench.workbench import Workbench
 from twin.bodies.finger import FingerTable
 from twin.judging.record import FitRecord
-from twin.project import files
 from twin.project.folder import Project, dataset
-from twin.project.toml import decoded, with_key
+from twin.project.toml import with_key
 from twin.targets import PointKind
+from twin.validation import decoded
 
 RESULTS = ROOT / "benchmarks" / "results"
 CREEP = ((0.06, 3.0),)  # hidden in the table: 6 % of the stiffness relax with 3 s

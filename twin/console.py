@@ -63,7 +63,7 @@ class Console:
         """Print a stage's result as one line of JSON, if that was asked for."""
         self.close()
         if self.as_json:
-            from twin.project import files
+            from twin import files
 
             _print(json.dumps(files.plain(result), allow_nan=False), sys.stdout)
 

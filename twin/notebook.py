@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twin import files
 from twin.bench.workbench import Workbench
 from twin.chain import COMMANDS, stage_of
-from twin.project import files
-from twin.project.folder import Lines, Project
+from twin.messages import Lines
+from twin.project.folder import Project
 from twin.results import StageResult, rows_of
 from twin.targets import Array, Targets
 

@@ -7,10 +7,10 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twin import files
 from twin.diagnosis.explanation import EvidenceRecord
 from twin.diagnosis.record import DiagnosisRecord
 from twin.judging.record import ComparisonRecord, FitRecord, Interval
-from twin.project import files
 from twin.study.record import Study, page_facts
 
 if TYPE_CHECKING:  # pandas takes a second to import: only who asks for a table pays for it

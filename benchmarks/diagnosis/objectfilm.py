@@ -22,7 +22,8 @@ from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
 from twin.commands.diagnose import run_diagnose
 from twin.commands.virtual import run_virtual
-from twin.project.folder import Project, Silent
+from twin.messages import Silent
+from twin.project.folder import Project
 
 FINGER, THING = "finger:length_mm=43.3,pleats=3", "cylinder:d=20,x=38,z=-12"
 SMALL = (("population = 30", "population = 12"), ("generations = 20", "generations = 3"))

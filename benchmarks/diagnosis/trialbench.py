@@ -22,6 +22,7 @@ from benchmarks.diagnosis.truthbook import displaced, slope
 
 import numpy as np
 
+from twin import files
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord
 from twin.effects.library import all_effects
@@ -29,7 +30,6 @@ from twin.effects.protocol import Effect, Unsolvable
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import judge
 from twin.model.basemodel import base_model
-from twin.project import files
 from twin.targets import Array, PointKind, TargetPoint, Targets
 from twin.virtual.draws import Setup, measured
 from twin.virtual.hidden import KINDS, Kind

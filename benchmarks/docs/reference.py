@@ -37,9 +37,9 @@ from twin.effects.protocol import Effect
 from twin.effects.requirements import MEANING
 from twin.judging.record import ComparisonRecord, FitRecord
 from twin.project.config import Config
-from twin.project.record import Record
-from twin.project.validation import table_of
+from twin.records import Record
 from twin.study.record import Study
+from twin.validation import table_of
 from twin.virtual.protocols import PROTOCOLS, Protocol
 
 DOCS = ROOT / "docs"

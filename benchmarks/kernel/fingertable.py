@@ -17,13 +17,13 @@ from benchmarks.commandline import options
 import numpy as np
 
 from fe import Path, Solution, solve
+from twin import files
 from twin.laws.mooneyrivlin import NOMINAL
 from twin.model import fingertable
 from twin.model.arraycache import no_cache
 from twin.model.fingertable import FILES, FieldSums, KnownFinger
 from twin.model.loadpaths import LEVELS, load_paths
 from twin.model.structure import BuiltIn, Structure, of_finger
-from twin.project import files
 from twin.project.folder import Project, dataset
 
 SAMPLES = 48  # reduced pressures of a finer mesh

@@ -28,7 +28,8 @@ from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
 from twin.commands.init import run_init
 from twin.commands.look import run_look
-from twin.project.folder import Project, Silent
+from twin.messages import Silent
+from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.virtual.truthsolves import SILICONE
 

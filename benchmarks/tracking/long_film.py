@@ -33,7 +33,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.project import files
+from twin import files
 from twin.project.config import (
     CalibrateTable,
     CameraTable,

@@ -94,12 +94,12 @@ def _deck(folder: Path, file: Path) -> None:
 
 def _record(folder: Path, file: Path) -> None:
     """A record as stages use it."""
+    from twin import files
     from twin.bench.caches import SolvedList
     from twin.diagnosis.explanation import EvidenceRecord
     from twin.diagnosis.record import DiagnosisRecord
     from twin.inputs.camerarecord import stored_cameras
     from twin.judging.record import ComparisonRecord, FitRecord
-    from twin.project import files
     from twin.project.record import RunRecord
 
     if file.name == "log.jsonl":

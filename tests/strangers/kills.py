@@ -262,7 +262,7 @@ def _named(folder: Path, faulty: Faulty) -> bool:
 @contextlib.contextmanager
 def _no_space(number: int) -> Iterator[list[int]]:
     """The disk is full at the write of that number; the list says whether it came so far."""
-    from twin.project import files
+    from twin import files
 
     met: list[int] = []
     count, honest = [0], files._to_disk

@@ -11,7 +11,7 @@ import numpy as np
 from tests.strangers.planting import Plant, bad_log, camera_with, filmed, log, regulated
 from tests.strangers.recordings import picked, pumped, rows
 from tests.strangers.studio import FILM_START, log_text, motion
-from twin.project import files
+from twin import files
 
 
 def lines(change: Callable[[list[str]], list[str]]) -> Plant:

@@ -37,7 +37,7 @@ from tests.strangers.planting import (
     twice,
 )  # fmt: skip
 from tests.strangers.studio import FILM_START, LOG_END, STILL, Y, motion
-from twin.project import files
+from twin import files
 
 # What is planted, and what the sentence has to say.
 MISTAKES: dict[str, tuple[Plant, str]] = {

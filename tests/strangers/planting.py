@@ -24,7 +24,7 @@ from tests.strangers.studio import (
     marks_of,
     motion,
 )
-from twin.project import files
+from twin import files
 from twin.project.config import Config, FrameTable, MarkerTable, PointTable, PressureTable
 from twin.project.toml import dump
 from twin.targets import Array

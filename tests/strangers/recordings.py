@@ -12,7 +12,7 @@ import numpy as np
 
 from tests.strangers.planting import Plant, camera_with, every, filmed, painted, printed_twice, sagging
 from tests.strangers.studio import FILM_START, FRAMES, RATE, SIZE, STILL, log_text, motion
-from twin.project import files
+from twin import files
 from twin.targets import Array
 from vision import Mark, Video
 from vision.film.video import Writer

@@ -11,7 +11,7 @@ from benchmarks.tracking.studio import before, still_tables
 import cv2
 import numpy as np
 
-from twin.project import files
+from twin import files
 from twin.project.config import (
     BoardTable,
     CameraTable,

@@ -13,12 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import chain, cli, console
+from twin import chain, cli, console, files
 from twin.commands import demo
 from twin.executors import clusters
 from twin.executors.chosen import current, using
 from twin.executors.local import Serial
-from twin.project import files
 from twin.project.config import Config
 from twin.project.folder import Project, dataset
 from twin.tablemodel import keys_of

@@ -17,7 +17,7 @@ import pytest
 
 from tests.few import few
 from tests.strangers import kills
-from twin.project import files
+from twin import files
 from twin.project.folder import Project, dataset
 from twin.project.locks import lock
 

@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any
 
+from twin import files
 from twin.batches.former import former_of
 from twin.batches.order import batches_in
 from twin.batches.values import BatchValue, changes_of, values_of
 from twin.bench.fits import fit_file
 from twin.judging.record import FitRecord
 from twin.numerals import interval
-from twin.project import files
 from twin.project.folder import Project
 
 SHOWN = 6  # batches at most, the last ones: a wider table is read in `twin batches`

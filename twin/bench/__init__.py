@@ -3,7 +3,7 @@ hold.
 
 Read `workbench` first: a project as its model and its targets. `positions` finds the points that twin.toml
 states in mm on the finger; `meshshapes` says what there is to say of a mesh. `fits` tells which runs still
-belong to the project, `laws` which law of an effect was kept, `waterfall` how the error fell until now.
+belong to the project, `effectlaws` which law of an effect was kept, `waterfall` how the error fell until now.
 `engines` finds the program that twin.toml names to solve the model, `knownvalues` reads what it says of
 parameters and errors beforehand, `losses` which stages do without, `fittedby` tells both of a fit.
 `comparison` writes what a judged model shows and what it was judged by, `curvewords` what it says of tests of

@@ -17,7 +17,7 @@ from twin.bench.workbench import Workbench
 from twin.effects.acting import OutsideForce
 from twin.effects.protocol import Unsolvable
 from twin.judging.record import FitRecord
-from twin.project.folder import Say
+from twin.messages import Say
 from twin.targets import Array, Targets
 
 NEAR_MM = 1e-3  # of the height that is kept

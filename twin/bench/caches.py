@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from pydantic import RootModel, model_validator
 
+from twin import files
 from twin.executors.chosen import current
 from twin.executors.local import Serial
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
+from twin.messages import Say
 from twin.model.discretisation import SolvedAt
-from twin.project import files
-from twin.project.folder import Say
-from twin.project.record import Record
+from twin.records import Record
 from twin.tablemodel import Finite, Positive
 from twin.targets import Array
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calibrate import Fit
+from twin import files
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison, compare
 from twin.judging.fitting import ModelErrors
@@ -18,9 +19,9 @@ from twin.judging.judged import Judged, judged_by
 from twin.judging.lawerrors import LawError
 from twin.judging.record import UnseenFilm
 from twin.judging.whitening import LAW
+from twin.messages import Say
 from twin.model.arraycache import code_digest
-from twin.project import files
-from twin.project.folder import Project, Run, Say
+from twin.project.folder import Project, Run
 from twin.targets import Array, Targets
 
 JUDGED = "judged.npz"

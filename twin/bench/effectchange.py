@@ -7,21 +7,22 @@ from typing import Any
 import numpy as np
 
 from calibrate import Fit, Parameter
+from twin import files
 from twin.bench import waterfall
 from twin.bench.comparison import JUDGED, Judgement, compared, keep, kept
 from twin.bench.curvewords import told_of_tests, write_curves
+from twin.bench.effectlaws import begun_from, nominal
 from twin.bench.fits import fresh, newest, newest_fit
 from twin.bench.fittedby import fitted_by
-from twin.bench.laws import begun_from, nominal
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
 from twin.judging.intervals import estimates, fit_record
 from twin.judging.judged import Judged
 from twin.judging.record import ComparisonRecord, Estimate, FitRecord, MaterialTestsRow
+from twin.messages import Say
 from twin.model.prediction import Model
 from twin.numerals import in_words
-from twin.project import files
-from twin.project.folder import Run, Say
+from twin.project.folder import Run
 from twin.review.states import Fields
 from twin.targets import Array, Targets
 

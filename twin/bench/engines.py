@@ -10,9 +10,10 @@ from twin.bench.caches import FolderCache
 from twin.executors.chosen import current
 from twin.executors.local import Processes, Threads
 from twin.executors.protocol import Executor
+from twin.messages import Silent
 from twin.model.enginejobs import Done, EngineJobs, Together
 from twin.project.config import EMBEDDED, ModelTable
-from twin.project.folder import Project, Silent
+from twin.project.folder import Project
 
 JOBS = "cache/jobs"  # the folder of a project where jobs run
 

@@ -4,13 +4,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from twin import files
 from twin.chain import DECK, FIT, STAGES, TARGETS, Stage, When, kinds_writing
 from twin.effects.labels import checked_groups, name_of
 from twin.judging.record import FitRecord
-from twin.project import files
 from twin.project.folder import Project, kind_of
-from twin.project.record import Record
 from twin.project.staleness import changes
+from twin.records import Record
 
 if TYPE_CHECKING:  # its package takes a second to import: `check` and `list` do without
     from calibrate import Fit

@@ -11,7 +11,7 @@ from twin.bench.predicting import Prediction, WantedCourse, followed, interval, 
 from twin.bench.workbench import Workbench
 from twin.effects.protocol import Unsolvable
 from twin.judging.record import FitRecord
-from twin.project.folder import Say
+from twin.messages import Say
 from twin.targets import Array
 
 RUNGS, BEYOND = 8, 1.5  # pressures that are tried up to the tested one, and how far above it

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from twin.bench.leftopen import Uncertain, told_by_film
 from twin.bench.workbench import Workbench
 from twin.judging.record import FitRecord
+from twin.messages import Say
 from twin.model.prediction import Model
-from twin.project.folder import Say
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
 
 GAP = 60.0  # s at rest before every course: what creeps has nearly come back

@@ -22,8 +22,8 @@ from twin.executors.chosen import current
 from twin.judging.fitting import ModelErrors, whitened
 from twin.judging.likelihood import SHARE, TOTAL, held
 from twin.laws.mooneyrivlin import NAMES
+from twin.messages import Say
 from twin.model.prediction import Model, Unsolvable
-from twin.project.folder import Say
 from twin.targets import Array, Targets
 
 TOLERANCE = 0.01  # sd, to which the best fit is found anew: deviances are relative to it

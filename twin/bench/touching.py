@@ -16,9 +16,9 @@ from twin.bench.predicting import NORMAL, SAME, WantedCourse, why_none
 from twin.bench.workbench import Workbench
 from twin.gravity import G
 from twin.judging.record import FitRecord
+from twin.messages import Say
 from twin.model.objects import RigidObject
 from twin.model.prediction import Model
-from twin.project.folder import Say
 from twin.targets import Array
 
 RISE = 12  # even parts of a rise to a held pressure, at which the force is told

@@ -23,9 +23,9 @@ from twin.bench.workbench import Workbench
 from twin.effects.protocol import Unsolvable
 from twin.judging.fitting import ModelErrors, whitened
 from twin.judging.whitening import Whitener
+from twin.messages import Say
 from twin.model.answering import RangedResponse
 from twin.model.memo import KeptModel
-from twin.project.folder import Say
 from twin.targets import Array, Targets
 
 COMPONENTS = ("U1", "U2", "U3")

@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
+from twin import files
 from twin.bench.fits import holds
 from twin.chain import FIT, kinds_writing
 from twin.effects.labels import name_of
 from twin.judging.record import ComparisonRecord, FitRecord
-from twin.project import files
 from twin.project.folder import Project, kind_of
-from twin.project.record import Maybe, Record
+from twin.records import Maybe, Record
 
 COMPARISON = ComparisonRecord.file
 NOMINAL, CALIBRATED = "nominal constants", "calibrated"

@@ -33,6 +33,7 @@ from twin.laws.catalogue import named_law
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.laws.stability import STRETCH
+from twin.messages import Say
 from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
 from twin.model.enginejobs import EngineJobs
@@ -40,7 +41,7 @@ from twin.model.enginemodel import EngineModel
 from twin.model.objects import RigidObject
 from twin.model.prediction import Model
 from twin.model.structure import Structure, beside, closed, in_law, of_body, of_deck, weighed
-from twin.project.folder import Project, Say
+from twin.project.folder import Project
 from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
 from twin.targets import Array, PointKind, Targets, as_position

@@ -3,12 +3,13 @@
 from typing import Any
 
 from twin.bench.effectchange import change_effects
+from twin.bench.effectlaws import Start, begun, laws_of, nominal
 from twin.bench.fits import named_effects, newest_fit
-from twin.bench.laws import Start, begun, laws_of, nominal
 from twin.bench.workbench import Workbench
 from twin.effects.labels import AND, name_of
 from twin.effects.protocol import Effect
-from twin.project.folder import Project, Say
+from twin.messages import Say
+from twin.project.folder import Project
 
 
 def run_add(project: Project, say: Say, *, name: str | None = None) -> dict[str, Any]:

@@ -11,16 +11,17 @@ import numpy as np
 
 from calibrate.randomeffects import LEAST, Newcomer, newcomer
 from calibrate.statistics import holm
+from twin import files
 from twin.batches.order import Opened, batches_in
 from twin.batches.values import BatchValue, values_of
 from twin.bench.fits import fit_file, newest
 from twin.bench.othermodels import other_models
+from twin.csvtable import as_text
 from twin.diagnosis.record import NONE, DiagnosisRecord
 from twin.judging.record import FitRecord
+from twin.messages import Say
 from twin.numerals import interval, short
-from twin.project import files
-from twin.project.csvtable import as_text
-from twin.project.folder import Project, Say
+from twin.project.folder import Project
 
 if TYPE_CHECKING:
     from twin.drawing.driftchart import DriftCourse

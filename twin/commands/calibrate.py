@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from calibrate import Fit
+from twin import files
 from twin.batches.former import former_of
 from twin.bench.comparison import Judgement, compared
 from twin.bench.curvewords import told_of_tests, write_curves
@@ -18,8 +19,8 @@ from twin.bench.workbench import Workbench
 from twin.commands.calibratelaws import run_laws
 from twin.judging.intervals import fit_record
 from twin.judging.jointfit import doubt_of_tests
-from twin.project import files
-from twin.project.folder import Project, Run, Say
+from twin.messages import Say
+from twin.project.folder import Project, Run
 from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt
 from twin.study.fullsolves import full_solves
 from twin.study.generations import Generation, evaluations, search

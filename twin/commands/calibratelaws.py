@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
+from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.workbench import Workbench
 from twin.effects.amounts import listed
@@ -13,10 +14,10 @@ from twin.effects.protocol import Unsolvable
 from twin.judging.comparison import ADEQUATE
 from twin.laws.catalogue import LAWS, named_law
 from twin.laws.law import RubberLaw
+from twin.messages import Say
 from twin.model.discretisation import Discretisation
-from twin.project import files
-from twin.project.folder import Project, Run, Say
-from twin.project.record import Record
+from twin.project.folder import Project, Run
+from twin.records import Record
 from twin.study.lawchoice import LawFit, bench_of, classes, fitted, starts_of
 from twin.tablemodel import Finite
 from twin.targets import Array

@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 from twin.inputs.boardtimes import board_film, board_times
 from twin.inputs.camerarecord import CameraRecord, RigRecord
-from twin.project.folder import Project, Say
+from twin.messages import Say
+from twin.project.folder import Project
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
     from vision import Camera

@@ -12,8 +12,9 @@ from twin.coupons.pulltest import pull_tests
 from twin.gauge.pressurelog import Log
 from twin.inputs.films import OneFilm, films_of
 from twin.inputs.foreign import import_targets, said_of_targets
+from twin.messages import Say
 from twin.project.config import EMBEDDED, CameraTable
-from twin.project.folder import Project, Say
+from twin.project.folder import Project
 from twin.targets import PointKind, TargetPoint, Targets
 
 

@@ -2,13 +2,14 @@
 
 from typing import Any
 
+from twin import files
 from twin.bench.comparison import Judgement, kept, write_comparison
 from twin.bench.fits import fit_file, newest_fit
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
 from twin.judging.record import ComparisonRecord, MapRow
-from twin.project import files
-from twin.project.folder import Project, Say
+from twin.messages import Say
+from twin.project.folder import Project
 
 
 def run_compare(project: Project, say: Say) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from twin import files
 from twin.batches.order import Opened
 from twin.batches.side import Laid, write_side_by_side
 from twin.batches.values import BatchChange, BatchValue, changes_of, values_of
@@ -11,9 +12,9 @@ from twin.bench.fits import fit_file, newest
 from twin.bench.othermodels import other_effects, other_models
 from twin.diagnosis.record import NONE, DiagnosisRecord
 from twin.judging.record import ComparisonRecord, FitRecord
+from twin.messages import Say
 from twin.numerals import interval, short
-from twin.project import files
-from twin.project.folder import Project, Say
+from twin.project.folder import Project
 from twin.report.page import Picture, table_page
 
 SHOWN = {"overlay.png": "the film with its markers", "deformed.png": "the model at the highest pressure"}

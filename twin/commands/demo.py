@@ -5,10 +5,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+from twin import files
 from twin.bench.fits import fresh
 from twin.chain import STAGES, Stage, When
-from twin.project import files
-from twin.project.folder import Project, Say, dataset
+from twin.messages import Say
+from twin.project.folder import Project, dataset
 
 FULL, QUICK = "demo", "quick"  # data sets
 FOLDERS = {FULL: Path("softtwin-demo"), QUICK: Path("softtwin-quick")}

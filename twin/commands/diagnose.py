@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+from twin import files
 from twin.bench.comparison import foretold, write_prediction
 from twin.bench.effectchange import Change
 from twin.bench.engines import check_embedded
@@ -19,8 +20,8 @@ from twin.effects.labels import name_of
 from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect
 from twin.judging.judged import Judged
-from twin.project import files
-from twin.project.folder import Project, Run, Say
+from twin.messages import Say
+from twin.project.folder import Project, Run
 
 BY_FILM = (
     "The diagnosis asks the film alone, without the material tests. Whether they contradict it, "

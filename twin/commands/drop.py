@@ -3,10 +3,11 @@
 from typing import Any
 
 from twin.bench.effectchange import change_effects
-from twin.bench.laws import named_effect
+from twin.bench.effectlaws import named_effect
 from twin.bench.workbench import Workbench
 from twin.effects.labels import groups, name_of
-from twin.project.folder import Project, Say
+from twin.messages import Say
+from twin.project.folder import Project
 
 
 def run_drop(project: Project, say: Say, *, name: str) -> dict[str, Any]:

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from twin import files
+from twin.bench.effectlaws import begun, begun_from, laws_of
 from twin.bench.engines import check_embedded
 from twin.bench.fits import newest, newest_fit
-from twin.bench.laws import begun, begun_from, laws_of
 from twin.bench.losses import check_least_squares
 from twin.bench.workbench import Workbench
 from twin.diagnosis.explanation import explained, table
@@ -15,9 +16,9 @@ from twin.diagnosis.record import NONE, DiagnosisRecord
 from twin.effects.labels import AND, name_of
 from twin.effects.protocol import Effect, Theta
 from twin.judging.judged import Judged
+from twin.messages import Say
 from twin.numerals import in_words
-from twin.project import files
-from twin.project.folder import Project, Say
+from twin.project.folder import Project
 
 
 def run_explain(project: Project, say: Say, *, name: str) -> dict[str, Any]:

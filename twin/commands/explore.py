@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
+from twin import files
 from twin.bench.askedranges import asked_ranges
 from twin.bench.engines import check_embedded
 from twin.bench.exploring import (
@@ -25,10 +26,10 @@ from twin.executors.chosen import current
 from twin.experiments.designs import DesignKind, Variable
 from twin.experiments.designs import design as designed
 from twin.experiments.maineffects import MainEffects, levels_of, main_effects
+from twin.messages import Say
 from twin.numerals import short
-from twin.project import files
-from twin.project.folder import Project, Run, Say
-from twin.project.record import Maybe, Record
+from twin.project.folder import Project, Run
+from twin.records import Maybe, Record
 from twin.tablemodel import Finite
 from twin.targets import Array
 

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from fe.deck.calculix import CalculiX, check, without_hybrid
 from fe.deck.writer import deck
+from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
 from twin.bench.predicting import Prediction, WantedCourse, predicted
@@ -18,9 +19,9 @@ from twin.commands.predict import asked, check_times, pressure_of
 from twin.effects.protocol import Effect, Order, Test
 from twin.gravity import of_targets
 from twin.judging.record import Estimate, FitRecord
-from twin.project import files
-from twin.project.folder import Project, Run, Say
-from twin.project.record import Maybe, Record
+from twin.messages import Say
+from twin.project.folder import Project, Run
+from twin.records import Maybe, Record
 from twin.tablemodel import Finite
 from twin.targets import Array
 

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fe.mesh.finger import NAMED_NODES
+from twin import files
 from twin.bodies.kinds import BODIES, BodyTable
 from twin.formats.catalogue import format_of, read_recorded
 from twin.formats.meshgroups import MESHES, deck_of
 from twin.formats.recorded import plain
-from twin.project import files
+from twin.messages import Say
 from twin.project.config import (
-    NAMED,
     BoardTable,
     CalibrateTable,
     CameraTable,
@@ -26,11 +26,12 @@ from twin.project.config import (
     PressureTable,
     ProjectTable,
 )
-from twin.project.folder import Project, Say, named_after
+from twin.project.folder import Project, named_after
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump, write
-from twin.project.validation import checked
+from twin.tablemodel import NAMED
 from twin.targets import PointKind, TargetPoint, Targets
+from twin.validation import checked
 
 if TYPE_CHECKING:
     from fe.deck.reader import Deck

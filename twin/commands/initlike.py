@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from twin import files
 from twin.batches.former import calibration_files, camera_kept
 from twin.inputs.cameras import dictionary_files
-from twin.project import files
-from twin.project.folder import Project, Say, named_after
-from twin.project.toml import decoded, with_key, write
+from twin.messages import Say
+from twin.project.folder import Project, named_after
+from twin.project.toml import with_key, write
 from twin.project.trust import former_batch, remember
+from twin.validation import decoded
 
 
 def run_init_like(folder: Path, say: Say, *, like: Path) -> dict[str, Any]:

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from twin.bench.fits import stale
-from twin.project.folder import Project, Say
+from twin.messages import Say
+from twin.project.folder import Project
 from twin.project.record import RunRecord
 
 

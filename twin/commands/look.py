@@ -14,7 +14,8 @@ from twin.coupons.pulltest import pull_tests
 from twin.drawing.blueprint import dimensioned
 from twin.drawing.meshpictures import labelled, shapes
 from twin.drawing.readpicture import as_read
-from twin.project.folder import Project, Say
+from twin.messages import Say
+from twin.project.folder import Project
 from twin.review.undeformed import write_undeformed
 
 

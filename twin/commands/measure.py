@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twin import files
 from twin.gauge.agreement import check_agrees
 from twin.gauge.clockfit import check_clock
 from twin.gauge.pressurelog import GaugeNoise, Log
@@ -30,8 +31,8 @@ from twin.inputs.recordings import (
     stated_of,
     views_of,
 )
-from twin.project import files
-from twin.project.folder import Project, Run, Say
+from twin.messages import Say
+from twin.project.folder import Project, Run
 from twin.project.record import SourceFilm, SourceRecord
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets

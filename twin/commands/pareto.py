@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
+from twin import files
 from twin.bench.comparison import film_names
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
@@ -15,10 +16,10 @@ from twin.bench.tradingoff import Keep, SolvedFit, TradeOff, masks_of, misfits, 
 from twin.bench.workbench import Workbench
 from twin.drawing.paretoplot import draw_front
 from twin.judging.record import FitRecord
+from twin.messages import Say
 from twin.numerals import short
-from twin.project import files
-from twin.project.folder import Project, Run, Say
-from twin.project.record import Record
+from twin.project.folder import Project, Run
+from twin.records import Record
 from twin.tablemodel import Finite
 
 OFF = 0.25  # of what noise may make of a misfit, by which a response may be off unmentioned

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from twin.bench.positions import one_side
 from twin.bench.workbench import structure_of
+from twin.csvtable import read_sheet
 from twin.inputs.cameras import camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.recordings import marks_of
-from twin.project.csvtable import read_sheet
-from twin.project.folder import Project, Say
-from twin.project.toml import decoded, with_point, write
+from twin.messages import Say
+from twin.project.folder import Project
+from twin.project.toml import with_point, write
 from twin.targets import Array
+from twin.validation import decoded
 
 if TYPE_CHECKING:  # vision takes a second to import
     from vision.following.features import Feature

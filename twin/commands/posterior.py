@@ -13,6 +13,7 @@ from pydantic import Field
 
 from calibrate import Fit
 from calibrate.posteriors import END, MOST, Chain
+from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file, newest
 from twin.bench.losses import check_least_squares
@@ -25,10 +26,10 @@ from twin.drawing.posteriorplot import draw_band, draw_corner
 from twin.judging.likelihood import held
 from twin.judging.record import FitRecord
 from twin.judging.whitening import Whitener
+from twin.messages import Say
 from twin.numerals import interval, short, value
-from twin.project import files
-from twin.project.folder import Project, Run, Say
-from twin.project.record import Maybe, Record
+from twin.project.folder import Project, Run
+from twin.records import Maybe, Record
 from twin.tablemodel import Finite
 from twin.targets import Array, Targets
 

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from fe.element import triangles
 from fe.mesh.points import nearest
+from twin import files
 from twin.bench.blocking import Blocked, blocked_force
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
@@ -37,10 +38,10 @@ from twin.gauge.pressurelog import read_log
 from twin.gauge.pressureunits import in_MPa, unit_of
 from twin.gravity import is_heavy
 from twin.judging.record import FitRecord
+from twin.messages import Say
 from twin.model.objects import RigidObject
-from twin.project import files
-from twin.project.folder import Project, Run, Say
-from twin.project.record import Maybe, Record
+from twin.project.folder import Project, Run
+from twin.records import Maybe, Record
 from twin.review.shapes import write_shapes
 from twin.tablemodel import Finite
 from twin.targets import Array, PointKind

@@ -10,7 +10,7 @@ from twin.bench.touching import RISE, Touched
 from twin.bench.workbench import Workbench
 from twin.drawing.touchplot import draw_touch
 from twin.model.objects import RigidObject
-from twin.project.record import Maybe, Record
+from twin.records import Maybe, Record
 from twin.tablemodel import Finite
 from twin.targets import Array
 

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from calibrate import Fit
 from calibrate.profiles import IDENTIFIED, LEVELS, NOT_IDENTIFIED, End, Profile
+from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
 from twin.bench.predicting import NORMAL, why_none
@@ -20,10 +21,10 @@ from twin.bench.workbench import Workbench
 from twin.drawing.profileplot import ProfileCurve, draw_profiles
 from twin.judging.likelihood import held
 from twin.judging.record import FitRecord
+from twin.messages import Say
 from twin.numerals import interval, short, value
-from twin.project import files
-from twin.project.folder import Project, Run, Say
-from twin.project.record import Maybe, Record
+from twin.project.folder import Project, Run
+from twin.records import Maybe, Record
 from twin.tablemodel import Finite
 
 APART = 0.25  # of half of an interval by covariance, by which an end of the profile's differs: it is told

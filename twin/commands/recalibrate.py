@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from twin import files
 from twin.batches.former import former_of
 from twin.batches.values import BatchChange, changes_of, values_of
 from twin.bench.fits import fit_file, fresh, named_effects, newest, stale_sentences
@@ -12,10 +13,10 @@ from twin.chain import STAGES, TARGETS, Stage, When, kinds_writing
 from twin.commands.check import check_project
 from twin.diagnosis.record import DiagnosisRecord
 from twin.judging.record import FitRecord
+from twin.messages import Say
 from twin.numerals import in_words
-from twin.project import files
 from twin.project.config import EMBEDDED, LEAST_SQUARES
-from twin.project.folder import Project, Say
+from twin.project.folder import Project
 
 FILM = STAGES[: next(k for k, stage in enumerate(STAGES) if TARGETS in stage.writes) + 1]
 NO_NOISE = "no noise model"

@@ -14,7 +14,8 @@ from twin.batches.order import Opened, batches_in, holds_batches
 from twin.commands import recalibrate
 from twin.executors.chosen import current
 from twin.executors.local import Processes, Serial
-from twin.project.folder import Lines, Project, Say
+from twin.messages import Lines, Say
+from twin.project.folder import Project
 from twin.project.locks import lock
 
 

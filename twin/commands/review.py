@@ -9,7 +9,8 @@ from twin.bench.fits import fresh, stale_sentences
 from twin.bench.workbench import Workbench
 from twin.chain import STAGES
 from twin.drawing.deformed import deformed_picture, write_vtu_series
-from twin.project.folder import Project, Say
+from twin.messages import Say
+from twin.project.folder import Project
 from twin.report.facts import facts_of
 from twin.report.found import Story
 from twin.report.page import write_report

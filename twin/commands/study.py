@@ -6,14 +6,15 @@ them apart. Without a calibration that still holds it calibrates first, and it e
 
 from typing import Any
 
+from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fresh
 from twin.bench.workbench import law_of_project
 from twin.commands.calibrate import run_calibrate
 from twin.commands.review import run_review
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
-from twin.project import files
-from twin.project.folder import Project, Say
+from twin.messages import Say
+from twin.project.folder import Project
 from twin.study.figures import FIGURES, drawn, file_of
 from twin.study.numbers import Inquiry
 

@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from twin.project.folder import Project, Say
+from twin.messages import Say
+from twin.project.folder import Project
 from twin.project.trust import check_programs, links, programs, remember, trust_file, trusted
 
 

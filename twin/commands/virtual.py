@@ -9,15 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from twin import files
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
 from twin.commands.init import body_table, run_init
 from twin.effects.protocol import Unsolvable
 from twin.gravity import TONNE_PER_MM3
+from twin.messages import Say, Silent
 from twin.model.objects import RigidObject
 from twin.model.structure import body_case
-from twin.project import files, toml
-from twin.project.folder import Say, Silent
+from twin.project import toml
 from twin.project.targetwriting import write_targets
 from twin.targets import Array, TargetPoint, Targets
 from twin.virtual.draws import NOISE, Setup, at_nodes, measured, plainness

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.coupons.headings import Quantity, of_quantity, unit_of
-from twin.project.csvtable import Sheet
+from twin.csvtable import Sheet
 from twin.targets import Array
 
 _NUMBER = re.compile(r"[+-]?[.,]?\d")

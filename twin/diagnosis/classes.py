@@ -13,7 +13,7 @@ from pydantic import Field
 from twin.diagnosis.evidence import apart, ceiling, orthonormal
 from twin.diagnosis.signatures import Signatures
 from twin.judging.judged import Judged
-from twin.project.record import Record
+from twin.records import Record
 from twin.tablemodel import Finite
 from twin.targets import Array
 

@@ -21,7 +21,7 @@ from twin.judging.judged import Judged
 from twin.judging.record import Estimate
 from twin.judging.whitening import Whitener
 from twin.project.folder import Run
-from twin.project.record import Maybe, Record
+from twin.records import Maybe, Record
 from twin.targets import Array, Targets
 
 ALL = "all"

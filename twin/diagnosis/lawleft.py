@@ -5,7 +5,7 @@ from pydantic import Field
 
 from twin.judging.comparison import BRANCHES, WHILE, branches
 from twin.judging.judged import Judged
-from twin.project.record import Record
+from twin.records import Record
 from twin.tablemodel import Finite
 from twin.targets import Array, Targets
 

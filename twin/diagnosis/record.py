@@ -15,7 +15,7 @@ from twin.experiments.choice import Experiment
 from twin.judging.frame import FrameTest
 from twin.judging.intervals import estimates
 from twin.judging.record import Estimate, UnseenFilm
-from twin.project.record import Maybe, Record
+from twin.records import Maybe, Record
 from twin.tablemodel import Finite
 
 

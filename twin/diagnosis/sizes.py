@@ -16,7 +16,7 @@ from calibrate import Parameter
 from twin.diagnosis.evidence import apart, orthonormal
 from twin.diagnosis.signatures import null
 from twin.effects.protocol import Effect, Theta
-from twin.project.record import Maybe, Record
+from twin.records import Maybe, Record
 from twin.targets import Array
 
 ALPHA = 0.01  # of a false alarm over all effects and all their grids

@@ -9,8 +9,8 @@ import av
 import cv2
 import numpy as np
 
+from twin import files
 from twin.drawing.painting import Image, side_by_side, window
-from twin.project import files
 from twin.review.filmed import Filmed
 from vision.film.video import Video
 

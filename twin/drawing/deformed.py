@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.project import files
+from twin import files
 from twin.review.scene import RAMP, normals, round_up
 from twin.targets import Array
 

@@ -59,7 +59,7 @@ def _address(wanted: str) -> str:
     """The address of a scheduler, or that in its file."""
     if ADDRESS.fullmatch(wanted):
         return wanted
-    from twin.project.files import read_json
+    from twin.files import read_json
 
     found = read_json(Path(wanted))
     address = found.get("address") if isinstance(found, dict) else None

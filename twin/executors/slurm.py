@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field
 
 from twin.executors.surroundings import THREADS
-from twin.project.toml import tables_of
-from twin.project.validation import checked
 from twin.tablemodel import Positive, TableModel
+from twin.validation import checked, tables_of
 
 if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster

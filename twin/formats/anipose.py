@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.csvtable import Sheet, read_sheet
 from twin.formats.recorded import Recorded, numbers, plain_names
-from twin.project.csvtable import Sheet, read_sheet
 from twin.targets import Array
 
 CAMERAS = 2  # a point that fewer have seen has no depth

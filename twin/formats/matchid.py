@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.csvtable import Sheet, Table, read_sheet
 from twin.formats.recorded import PIXEL, Recorded, in_order
-from twin.project.csvtable import Sheet, Table, read_sheet
 from twin.targets import Array
 
 SAME_PLACE = 1e-6  # of the span of all points: rows are told by their place in the reference picture

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.csvtable import Sheet, read_sheet
 from twin.formats.recorded import PIXEL, Recorded, plain_names
 from twin.gauge.logcolumns import LogFormat, pressures, time_column
 from twin.gauge.pressureunits import PRESSURE, heading, in_seconds
-from twin.project.csvtable import Sheet, read_sheet
 
 HEADING = re.compile(r"(?P<point>.+)_(?P<axis>[xyz])[ _]?[\[(]?(?P<unit>mm|cm|m|px|in)[\])]?")
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.csvtable import read_sheet
 from twin.formats.recorded import PIXEL, Recorded
 from twin.gauge.logcolumns import LogFormat, pressures, time_column
 from twin.gauge.pressurelog import read_log
 from twin.project.config import ImportTable
-from twin.project.csvtable import read_sheet
 from twin.targets import Array
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.csvtable import Sheet, Table
 from twin.gauge.pressureunits import (
     KNOWN,
     PRESSURE,
@@ -18,7 +19,6 @@ from twin.gauge.pressureunits import (
     speaks_of_absolute,
     unit_of,
 )
-from twin.project.csvtable import Sheet, Table
 from twin.sanity import pressure_fault, top_fault, zero_fault
 from twin.targets import Array
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.csvtable import read_sheet
 from twin.gauge.logcolumns import LogFormat, gauge_pressure, pressure_column, time_column
 from twin.gauge.pressureunits import in_seconds
-from twin.project.csvtable import read_sheet
 from twin.targets import Array
 
 BEYOND_S = 2.5  # more than the clocks of film and log may disagree (time_shift)

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
+from twin import files
 from twin.judging.record import Rows, check_covariance
-from twin.project import files
-from twin.project.record import Record
+from twin.records import Record
 from twin.tablemodel import Finite, NotNegative
 
 if TYPE_CHECKING:  # vision takes a second to import

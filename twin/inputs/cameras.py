@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twin import files
 from twin.inputs.boardtimes import board_film, stamps_file
 from twin.inputs.camerarecord import CameraRecord, RigRecord, stored_cameras
-from twin.project import files
 from twin.project.config import CameraTable
 from twin.project.folder import Project
 

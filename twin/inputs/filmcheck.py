@@ -8,14 +8,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from twin import files
 from twin.gauge.agreement import check_agrees, other_rate
 from twin.gauge.pressurelog import Log
 from twin.gauge.synchrony import Motion
 from twin.inputs.cameras import dictionary_name, lens_of
 from twin.inputs.recordings import corrections_of, marks_of
-from twin.project import files
+from twin.messages import Say
 from twin.project.config import CameraTable
-from twin.project.folder import Project, Say
+from twin.project.folder import Project
 from twin.targets import Array
 
 if TYPE_CHECKING:  # vision takes a second to import

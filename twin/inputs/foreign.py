@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 
 from twin.inputs.recordings import recorded
+from twin.messages import Say
 from twin.project.config import ImportTable
-from twin.project.folder import Project, Say
+from twin.project.folder import Project
 from twin.targets import Targets
 
 

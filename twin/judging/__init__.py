@@ -5,7 +5,8 @@ Read `whitening` first: residuals in mm become independent values of variance 1,
 them, under the errors and priors of `likelihood`, and to the rows that tests of the silicone add
 (`besidefilm`); `judged` repeats it until fit and errors belong together, `comparison` tests what is left and
 says where it is; `lawlevels` says how large the laws' errors are, `jointfit` whether film and tests agree.
-`frame` tests the fixed markers, which no model moves. `intervals` gives 95 % intervals, `sharederrors` names
+`frame` tests the fixed markers, which no model moves. `stillnoise` makes the noise of displacements without a
+static film. `intervals` gives 95 % intervals, `sharederrors` names
 errors that many values share, `heldout` asks what the model foretells of data that it has not seen. `record`
 is what fit.json and comparison.json hold.
 """

@@ -19,7 +19,7 @@ from twin.judging.comparison import (
     smooth_functions,
 )
 from twin.judging.whitening import Whitener, whitener
-from twin.project.record import Maybe, Record
+from twin.records import Maybe, Record
 from twin.targets import Array, Targets
 
 IMMATERIAL = 0.3  # of the finger's noise sd: a misfit of the frame below it forbids no verdict

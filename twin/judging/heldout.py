@@ -12,7 +12,7 @@ from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitting import ModelErrors
 from twin.judging.judged import Judged
 from twin.judging.record import UnseenFilm
-from twin.project.record import Maybe, Record
+from twin.records import Maybe, Record
 from twin.targets import Array, Targets
 
 PARTS = 5  # of a film of one cycle, each left out in turn

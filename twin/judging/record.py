@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from twin.project.record import Maybe, MaybeSize, Record
+from twin.records import Maybe, MaybeSize, Record
 from twin.tablemodel import Finite
 
 if TYPE_CHECKING:

@@ -11,20 +11,21 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twin import effort
-from twin.project import files
+from twin import effort, files
 from twin.project.config import Config
 from twin.project.locks import lock
-from twin.project.record import Record, RunExtra, RunRecord, RunSummary, SolvesRow, SourceRecord, StoredConfig
+from twin.project.record import RunExtra, RunRecord, RunSummary, SolvesRow, SourceRecord, StoredConfig
 from twin.project.targetfiles import read_targets
-from twin.project.toml import decoded, dump, former_keys, parse, with_effects, write
+from twin.project.toml import dump, former_keys, parse, with_effects, write
 from twin.project.trust import check_folder, leads_out
+from twin.records import Record
 from twin.targets import Targets
+from twin.validation import decoded
 
 if TYPE_CHECKING:  # the finite elements are loaded by whoever needs them
     from twin.model.structure import BuiltIn
@@ -33,36 +34,6 @@ PACKAGES = (
     "softtwin", "numpy", "scipy", "opencv-contrib-python-headless", "scikit-image", "av", "pymoo",
     "pypardiso", "mkl", "numba", "rerun-sdk", "pyvista", "pydantic",
 )  # fmt: skip
-
-
-class Say(Protocol):
-    """How a stage talks to the user: one line of text, or how far a part of it is.
-
-    Only what asks something of the user, or is a result, is said. A remark that asks nothing goes to the
-    run's log with `Run.note(text)`, which prints nothing.
-    """
-
-    def __call__(self, text: str, /) -> None: ...
-
-    def progress(self, stage: str, done: int, total: int, /) -> None: ...
-
-
-class Silent:
-    """A `say` that says nothing."""
-
-    def __call__(self, text: str, /) -> None: ...
-
-    def progress(self, stage: str, done: int, total: int, /) -> None: ...
-
-
-class Lines(Silent):
-    """A `say` that keeps the lines, and shows no progress."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def __call__(self, text: str, /) -> None:
-        self.lines.append(text)
 
 
 @dataclass(frozen=True)

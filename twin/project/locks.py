@@ -9,7 +9,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from twin.project import files
+from twin import files
 
 LOOKS, LOOK_S = 10, 0.05  # how often the name of the other command is looked for, and the time between, s
 

@@ -1,43 +1,11 @@
-"""What the JSON files of a project hold: one model for each file, by which it is written and read.
-
-A model lies where its maker does. Here are what all of them are made of, and the two of the project itself.
-"""
+"""Records of the project itself: `run.json` of every run and `source.json` of the targets."""
 
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic import Field
 
+from twin.records import Loose, Record
 from twin.tablemodel import Finite, NotNegative
-
-
-class Record(BaseModel):
-    """A JSON file, or a part of one: frozen, and a key that it does not know is an error.
-
-    What was given is written, so a key with a default may be absent. A description is what docs/files.md says
-    of a key; a key without one shares the row above it.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_by_name=True)
-    file: ClassVar[str] = ""  # its name in the folder of a run
-
-
-class Loose(BaseModel):
-    """A part of a record that other versions made too: what is named is checked, other keys may be there."""
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-
-
-def _or_null(value: Any, info: ValidationInfo) -> Any:
-    """Null for what is infinite or not known; a file says so itself."""
-    unknown = info.mode == "python" and isinstance(value, float) and not abs(value) < float("inf")
-    return None if unknown else value
-
-
-Maybe = Annotated[Finite | None, BeforeValidator(_or_null)]
-MaybeSize = Annotated[NotNegative | None, BeforeValidator(_or_null)]
-
-
-Reach = Annotated[float, BeforeValidator(lambda value: float("inf") if value is None else value)]  # null: inf
 
 
 class StoredModel(Loose):

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from twin.project import files
+from twin import files
 from twin.project.folder import Project, versions
 from twin.project.trust import leads_out, links
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.project import files
+from twin import files
+from twin.csvtable import Table, read_table
+from twin.judging.stillnoise import stated_noise, still_noise
 from twin.project.chambers import shares_by_surface
-from twin.project.csvtable import Table, read_table
-from twin.project.stillnoise import stated_noise, still_noise
 from twin.project.targetarrays import EXACT, FARTHEST, check_blocks, check_exact, check_log
 from twin.project.targetschema import (
     FORMER_PLACE,
@@ -24,10 +24,9 @@ from twin.project.targetschema import (
     TargetsTable,
 )
 from twin.project.targetwriting import COLUMNS
-from twin.project.toml import tables_of
-from twin.project.validation import checked
 from twin.sanity import pressure_fault, zero_fault
 from twin.targets import Array, Load, Noise, PointKind, TargetPoint, Targets, least_known
+from twin.validation import checked, tables_of
 
 LATEST = 1e13  # s: any clock, and one that counts ms since 1970
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from twin.project.chambers import Shares
-from twin.tablemodel import NotNegative, Position, Positive, TableModel
+from twin.tablemodel import NotNegative, Position, Positive, Step, StillSteps, TableModel
 
 LIGHTEST, HEAVIEST = 0.1, 5000.0  # g, of a weight hung on a soft structure: others are in another unit
 STRONGEST = 50.0  # N
@@ -27,9 +27,6 @@ def _correlation(x: float) -> float:
 
 MaybeSd = Annotated[float, AfterValidator(_sd)]
 MaybeCorrelation = Annotated[float, AfterValidator(_correlation)]
-
-
-Step = Annotated[int, Field(ge=0)]
 
 
 class ReferenceTable(TableModel):
@@ -126,9 +123,6 @@ class NoiseOfPoint(TableModel):
         description="correlation from step to step, -1 to 1"
     )
     codec_sd_mm: tuple[MaybeSd, MaybeSd, MaybeSd] = Field(description="more noise where it moves, mm")
-
-
-StillSteps = tuple[tuple[Step, Step], ...] | Literal["holds"]
 
 
 class NoiseTable(TableModel):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.project import files
+from twin import files
 from twin.project.record import SourceRecord
 from twin.project.targetarrays import EXACT
 from twin.targets import Load, Noise, PointKind, Targets

@@ -1,6 +1,5 @@
 """Turn the text of twin.toml into a configuration and back, with errors and comments for a person."""
 
-import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,33 +9,16 @@ import tomlkit
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from twin import files
 from twin.bodies.kinds import BODIES
-from twin.project import files
 from twin.project.config import FORMER, Config, with_first_film
-from twin.project.validation import checked, table_of, value_text
 from twin.tablemodel import keys_of
-
-LONGEST, DEEPEST = 10_000_000, 100  # letters of a file; parts of a key, as in model.fixed.C10
-_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
-_DEEP = re.compile(rf"""(?<![\w"'.-]){_PART}(?:\.[ \t]*{_PART}){{{DEEPEST}}}""")
+from twin.validation import checked, table_of, tables_of, value_text
 
 
 def parse(data: bytes, *, name: str) -> Config:
     """The configuration in a file's bytes; ValueError is one sentence that begins with its name."""
     return checked(Config, with_first_film(_without_former(tables_of(data, name=name))), name=name)
-
-
-def tables_of(data: bytes, *, name: str) -> dict[str, Any]:
-    """The tables of a TOML file's bytes; ValueError where they are no TOML, or far longer than any."""
-    try:
-        text = decoded(data)
-        if len(text) > LONGEST or _DEEP.search(text):  # its time grows with their square
-            raise ValueError(f"wanted at most {LONGEST // 10**6} MB, and keys of at most {DEEPEST} parts")
-        return tomllib.loads(text)
-    except ValueError as error:  # of TOML, of UTF-8, or for a number of more than 4300 digits
-        raise ValueError(f"{name}: not valid TOML: {error}") from None
-    except RecursionError:
-        raise ValueError(f"{name}: its brackets lie in each other too deeply; wanted at most a few") from None
 
 
 def former_keys(data: bytes) -> list[str]:
@@ -56,11 +38,6 @@ def _without_former(tables: dict[str, Any]) -> dict[str, Any]:
         if isinstance(tables.get(name), dict):
             kept[name] = {key: value for key, value in tables[name].items() if key not in keys}
     return kept
-
-
-def decoded(data: bytes) -> str:
-    """The text of a file's bytes, without the byte order mark that some editors write."""
-    return data.decode("utf-8-sig")
 
 
 def dump(config: Config) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twin.project import files
+from twin import files
 from twin.project.config import Config
 
 OWN = ("runs", "cache", "targets")  # folders that commands write to, or read text from

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from twin import effort
+from twin import effort, files
 from twin.batches.series import earlier_facts
 from twin.bench.curvewords import told_of_tests
 from twin.bench.fits import fresh, newest
@@ -15,7 +15,6 @@ from twin.diagnosis.record import RankingRow
 from twin.effects.labels import name_of
 from twin.inputs.camerarecord import CameraRecord
 from twin.judging.record import FitRecord
-from twin.project import files
 from twin.project.folder import Project, kind_of, versions
 from twin.report.figures import held_out_films, pictures_of, study_facts
 from twin.report.found import Story

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from twin import files
 from twin.diagnosis.record import ForetoldFilm
 from twin.drawing import plots, studyplots
 from twin.drawing.curveplot import draw_curves
-from twin.project import files
 from twin.report.found import CHANGES, Story, calibration_file
 from twin.report.page import Picture
 from twin.study.figures import FIGURES, file_of

@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from twin import files
 from twin.bench.fits import fresh, newest
 from twin.diagnosis.record import NONE, DiagnosisRecord
 from twin.effects.labels import name_of
 from twin.judging.record import ComparisonRecord, FitRecord
-from twin.project import files
-from twin.project.folder import Project, Run, Say
+from twin.messages import Say
+from twin.project.folder import Project, Run
 from twin.report.footage import Footage
 from twin.report.onfilm import measured_file, models_on_film
 from twin.report.waypictures import Way

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twin import files
 from twin.bench.waterfall import Stair, stairs
 from twin.bench.workbench import Workbench
 from twin.drawing.outlines import edge_rows
@@ -15,10 +16,10 @@ from twin.inputs.camerarecord import stored_cameras
 from twin.inputs.cameras import camera_path
 from twin.inputs.recordings import marks_of
 from twin.judging.record import FitRecord
+from twin.messages import Say
 from twin.model.arraycache import code_digest
 from twin.model.prediction import Solved
-from twin.project import files
-from twin.project.folder import Project, Say
+from twin.project.folder import Project
 from twin.review.filmed import Filmed, Trace
 from twin.review.states import Generations
 from twin.targets import Array, Targets

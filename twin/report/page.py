@@ -10,8 +10,8 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from twin import files
 from twin.numerals import correlation, interval, probability, short, value
-from twin.project import files
 
 TEMPLATE, TABLES = (Path(__file__).with_name(name) for name in ("report.html", "tables.html"))
 

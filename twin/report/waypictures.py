@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from twin import files
 from twin.bench.fits import every_fresh
 from twin.bench.waterfall import Stair, stairs
 from twin.chain import kinds_writing
 from twin.diagnosis.explanation import EvidenceRecord
 from twin.drawing import plots
 from twin.effects.labels import name_of
-from twin.project import files
 from twin.project.folder import Project
 from twin.targets import Array, Targets
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import rerun as rr
 import rerun.blueprint as rrb
 
-from twin.project import files
+from twin import files
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.project import files
+from twin import files
 from twin.targets import Array
 
 Single = NDArray[np.float32]

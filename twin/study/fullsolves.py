@@ -9,8 +9,8 @@ from fe import Case, Path, solve
 from fe.element import triangles
 from twin import effort
 from twin.gravity import under
+from twin.messages import Say
 from twin.model.enginejobs import EngineJobs
-from twin.project.folder import Say
 from twin.review.states import Generations
 from twin.study.generations import Generation
 from twin.study.loadpathfit import OnPaths

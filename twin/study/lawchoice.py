@@ -22,9 +22,9 @@ from twin.judging.besidefilm import curve_jacobian
 from twin.judging.judged import Judged, judge
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.stability import drucker_limit
+from twin.messages import Say
 from twin.model.discretisation import Discretisation
 from twin.model.structure import in_law
-from twin.project.folder import Say
 from twin.study.loadpathfit import OnPaths
 from twin.targets import Array
 

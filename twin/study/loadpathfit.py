@@ -18,12 +18,12 @@ from twin.judging.record import InitialRow
 from twin.judging.whitening import Whitener, whitener
 from twin.laws.law import Constants
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
+from twin.messages import Say
 from twin.model.arraycache import rounded_up
 from twin.model.enginemodel import EnginePaths
 from twin.model.fingertable import table_of
 from twin.model.loadpaths import MOST, REDUCED, Turned, load_paths, reach, sheets
 from twin.model.prediction import Model
-from twin.project.folder import Say
 from twin.sanity import LEAST_MPA
 from twin.study.generations import Objective
 from twin.targets import Array, relative

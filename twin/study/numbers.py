@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from calibrate import Fit
+from twin import files
 from twin.bench.fits import fresh
 from twin.bench.workbench import Workbench
 from twin.judging.fitting import whitener_of
@@ -16,8 +17,8 @@ from twin.judging.record import FitRecord
 from twin.judging.whitening import whitener
 from twin.laws.law import Constants
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES, NOMINAL, mooney_rivlin
-from twin.project import files
-from twin.project.folder import Project, Say
+from twin.messages import Say
+from twin.project.folder import Project
 from twin.review.states import Generations
 from twin.study.generations import Objective
 from twin.study.loadpathfit import OnPaths

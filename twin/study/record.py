@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from twin.project.record import Reach, Record
+from twin.records import Reach, Record
 from twin.study.readings import Several
 from twin.study.separability import KNOWN, UNKNOWN, Known, ReadingRow
 from twin.targets import Array

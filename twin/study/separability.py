@@ -18,7 +18,7 @@ from fe import Path
 from twin.effects.protocol import Unsolvable
 from twin.laws.law import Constants
 from twin.model.prediction import Model
-from twin.project.record import Record
+from twin.records import Record
 from twin.targets import Array
 
 LEVELS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)  # of the top pressure at which one could read

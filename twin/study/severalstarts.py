@@ -7,8 +7,9 @@ import numpy as np
 from calibrate import Fit
 from calibrate.starts import SAME, Ended, latin, optima, waterfall
 from twin.judging.record import StartRow
+from twin.messages import Say
 from twin.numerals import short
-from twin.project.folder import Run, Say
+from twin.project.folder import Run
 from twin.study.loadpathfit import OnPaths
 from twin.targets import Array
 

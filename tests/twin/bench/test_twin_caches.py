@@ -15,10 +15,10 @@ from twin.bench.caches import FolderCache, SolvedList
 from twin.bench.workbench import Workbench
 from twin.effects.material import Elasticity
 from twin.laws.mooneyrivlin import NOMINAL, mooney_rivlin
+from twin.messages import Say
 from twin.model.discretisation import Discretisation, SolvedAt
 from twin.model.structure import BuiltIn, of_finger
 from twin.project.config import ModelTable
-from twin.project.folder import Say
 from twin.targets import Array, Noise, Targets
 
 

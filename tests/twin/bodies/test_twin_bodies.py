@@ -23,7 +23,7 @@ from twin.model.basemodel import base_test
 from twin.project.config import ModelTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
-from twin.project.validation import checked
+from twin.validation import checked
 
 KINDS = list(BODIES)
 OWN = [kind for kind in KINDS if kind != "finger"]

@@ -11,11 +11,11 @@ import pytest
 
 from tests.twin.commands.test_twin_engine_chain import STUB, project_at
 from tests.twin.conftest import Lines
+from twin import files
 from twin.bench.fits import fit_file
 from twin.commands.calibrate import run_calibrate
 from twin.commands.review import run_review
 from twin.judging.record import FitRecord
-from twin.project import files
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 

@@ -17,7 +17,7 @@ from calibrate.posteriors import Chain
 from fe import Case, Lattice, Material
 from fe import Path as Course
 from tests.twin.conftest import page_text
-from twin import virtual
+from twin import files, virtual
 from twin.bench import sampling, tradingoff
 from twin.bench.fits import fit_file
 from twin.bench.workbench import Workbench
@@ -45,7 +45,6 @@ from twin.laws.mooneyrivlin import NOMINAL
 from twin.model import prediction
 from twin.model.structure import BuiltIn
 from twin.numerals import in_words, interval, value
-from twin.project import files
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
 from twin.project.targetwriting import write_targets

@@ -16,6 +16,7 @@ from fe.deck.calculix import CalculiX
 from fe.deck.engine import EngineResult
 from fe.mesh.convert import converted
 from tests.twin.conftest import Lines, plain_targets
+from twin import files
 from twin.bench.engines import engine_of, together_of
 from twin.bench.fits import fit_file
 from twin.commands.add import run_add
@@ -34,7 +35,6 @@ from twin.judging.record import FitRecord
 from twin.model import enginejobs
 from twin.model.basemodel import base_test
 from twin.model.structure import BuiltIn, base_case
-from twin.project import files
 from twin.project.config import CalibrateTable, Config, ModelTable, PointTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets

@@ -14,9 +14,9 @@ from twin.bench.workbench import Workbench
 from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
 from twin.commands.review import run_review
+from twin.files import read_json
 from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
-from twin.project.files import read_json
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump

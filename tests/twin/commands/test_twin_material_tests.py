@@ -8,7 +8,7 @@ import pytest
 from fe import Case, Lattice, Material
 from fe.homogeneous import nominal_stress
 from tests.twin.commands.test_twin_chain import NAMES, Silent, X
-from twin import virtual
+from twin import files, virtual
 from twin.bench.fits import fit_file, stale
 from twin.bench.profiling import sd_of
 from twin.bench.workbench import BEYOND, Workbench
@@ -16,7 +16,6 @@ from twin.commands.calibrate import run_calibrate
 from twin.commands.check import run_check
 from twin.judging.record import FitRecord, MaterialTestsRow
 from twin.model.structure import BuiltIn
-from twin.project import files
 from twin.project.config import CalibrateTable, Config, MaterialTestTable, PointTable, ProjectTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets

@@ -10,6 +10,7 @@ import pytest
 import vision
 import vision.drawing.overlays
 import vision.film.series
+from twin import files
 from twin.commands.camera import run_camera
 from twin.commands.check import run_check
 from twin.commands.init import film_config
@@ -18,7 +19,6 @@ from twin.gauge.pressurelog import Log, check_covers, gauge_noise, read_log
 from twin.gauge.synchrony import Join
 from twin.inputs import filmcheck
 from twin.inputs.filmtargets import make_targets
-from twin.project import files
 from twin.project.config import MeasureTable
 from twin.project.folder import Project
 from twin.project.toml import dump

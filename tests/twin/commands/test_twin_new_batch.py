@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from fe import Lattice
+from twin import files
 from twin.batches.former import camera_kept
 from twin.batches.values import SUM
 from twin.commands.initlike import run_init_like
 from twin.commands.recalibrate import run_recalibrate
 from twin.commands.recalibrateall import recalibrate_all
 from twin.model.structure import BuiltIn
-from twin.project import files
 from twin.project.folder import Project
 from twin.project.toml import dump
 from vision.drawing import synthetic

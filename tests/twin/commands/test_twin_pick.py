@@ -15,8 +15,8 @@ from twin.commands.check import run_check
 from twin.commands.measure import run_measure
 from twin.commands.pick import COLUMNS, run_pick
 from twin.commands.print import run_print
+from twin.csvtable import read_sheet
 from twin.project.config import Config
-from twin.project.csvtable import read_sheet
 from twin.project.folder import Project
 from twin.project.toml import dump, parse
 from vision.drawing import synthetic

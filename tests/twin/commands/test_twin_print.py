@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from twin import files
 from twin.commands.init import film_config
 from twin.commands.print import RULER, Item, layout, run_print
-from twin.project import files
 from twin.project.config import BoardTable, PointTable, ProjectTable
 from twin.project.folder import Project
 from twin.project.toml import dump

@@ -18,11 +18,12 @@ from fe.mesh.refine import enriched
 from twin import cli, virtual
 from twin.bench.workbench import structure_of
 from twin.commands.init import run_init
+from twin.files import read_json
 from twin.formats.meshgroups import deck_of
+from twin.messages import Silent
 from twin.model.lineartets import stiffness_doubt
 from twin.model.structure import of_deck
-from twin.project.files import read_json
-from twin.project.folder import Project, Silent
+from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 
 NAMED = [a for n, x in (("tip", TIP), ("middle", MIDDLE)) for a in ("--node", f"{n}={','.join(map(str, x))}")]

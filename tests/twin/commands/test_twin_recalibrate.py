@@ -31,8 +31,9 @@ from twin.judging.record import FitRecord
 from twin.project.config import Config, PointTable, ProjectTable
 from twin.project.folder import Project, dataset
 from twin.project.targetwriting import write_targets
-from twin.project.toml import decoded, dump, with_key
+from twin.project.toml import dump, with_key
 from twin.report.page import render
+from twin.validation import decoded
 
 
 def record(c10=0.21, c01=0.08, g1=None, *, sd=0.002, note="", effects=()):

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
+from twin import files
 from twin.commands.camera import run_camera
 from twin.commands.measure import run_measure
-from twin.project import files
 from twin.project.config import (
     BoardTable,
     CameraTable,

@@ -19,13 +19,13 @@ from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.record import DiagnosisRecord
 from twin.effects.library import all_effects, effect
 from twin.effects.requirements import lacking
+from twin.files import plain
 from twin.judging.fitting import fit_model, whitener_of
 from twin.laws.mooneyrivlin import mooney_rivlin
 from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error
 from twin.model.prediction import Model
 from twin.model.structure import of_finger
-from twin.project.files import plain
 from twin.targets import Array, Targets
 
 # A ramp, a hold, a release in 0.4 s and a rest: seconds and kPa.

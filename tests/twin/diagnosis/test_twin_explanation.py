@@ -10,10 +10,10 @@ from calibrate import Parameter
 from fe import Case
 from twin.diagnosis.explanation import ALL, EvidenceRecord, Explanation, explained, plausibility, table
 from twin.effects.library import effect
+from twin.files import plain
 from twin.judging.heldout import cycles, folds, foretold
 from twin.judging.judged import judge
 from twin.model.basemodel import base_model
-from twin.project.files import plain
 from twin.targets import Targets
 
 SD = 5e-4  # mm; the coarse finger moves by 0.4

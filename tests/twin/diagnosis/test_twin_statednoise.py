@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.twin.diagnosis.toy import Toy, smooth_field, targets, toy_effect
 from twin.diagnosis.procedure import diagnose
-from twin.project.stillnoise import stated_noise
+from twin.judging.stillnoise import stated_noise
 
 
 def test_the_verdict_says_which_noise_it_rests_on() -> None:

@@ -16,9 +16,9 @@ from twin.diagnosis.wording import unrefitted
 from twin.effects.labels import KINDS
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect, Unsolvable
+from twin.files import plain
 from twin.judging import judged
 from twin.judging.judged import Judged
-from twin.project.files import plain
 from twin.targets import Array
 
 NAMES = ("alpha", "beta", "gamma", "delta")

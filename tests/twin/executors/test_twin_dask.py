@@ -25,8 +25,8 @@ from twin.executors.local import Serial
 from twin.executors.protocol import gathered
 from twin.executors.surroundings import PACKAGES
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
+from twin.messages import Say
 from twin.model.loadpaths import NOTHING, along_path
-from twin.project.folder import Say
 from twin.targets import Array
 
 pytest.importorskip("distributed")

@@ -11,6 +11,7 @@ import vision.film.series
 from fe import Finger, Lattice, Material, finger_case
 from fe.mesh.points import nearest
 from tests.twin.commands.test_twin_measure import FPS, Lines, displacements, edit, log_text, measured, project  # noqa: F401
+from twin import files
 from twin.commands.camera import run_camera
 from twin.commands.check import run_check
 from twin.commands.measure import run_measure
@@ -23,7 +24,6 @@ from twin.judging.judged import judge
 from twin.judging.record import UnseenFilm
 from twin.judging.whitening import whitener
 from twin.model.basemodel import base_model
-from twin.project import files
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets

@@ -11,11 +11,11 @@ from calibrate import least_squares
 from calibrate.parameters import Parameter
 from fe import Path
 from twin import virtual
+from twin.files import plain
 from twin.judging.comparison import BRANCHES, Comparison, branches, compare
 from twin.judging.record import MapRow
 from twin.judging.sharederrors import in_words, subject
 from twin.judging.whitening import whitener
-from twin.project.files import plain
 from twin.targets import Array, Targets
 
 BENCH = virtual.Bench(film_hz=1.0, sd=0.02, static_frames=300)  # mm: far above the solver's own error

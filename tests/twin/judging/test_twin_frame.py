@@ -10,8 +10,8 @@ import pytest
 from fe import Path
 from twin import virtual
 from twin.diagnosis.procedure import diagnose
+from twin.files import plain
 from twin.judging.frame import frame_test
-from twin.project.files import plain
 from twin.targets import Array, Targets
 
 BENCH = virtual.Bench(film_hz=5.0, sd=0.002)

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from numpy.lib import format as npy
 
+from twin import files
 from twin.bench.caches import SolvedRows
 from twin.diagnosis.record import DiagnosisRecord
 from twin.inputs.camerarecord import CameraRecord
 from twin.judging.record import FitRecord
-from twin.project import files
 from twin.project.folder import Project
 from twin.project.record import RunRecord, SourceRecord
 

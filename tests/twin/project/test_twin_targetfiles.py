@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.project.csvtable import read_table
+from twin.csvtable import read_table
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import COLUMNS, write_targets

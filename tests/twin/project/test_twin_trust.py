@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from tests.strangers.received import with_path
-from twin import cli
+from twin import cli, files
 from twin.batches.former import former_of
-from twin.bench.laws import named_effect
+from twin.bench.effectlaws import named_effect
 from twin.bench.workbench import own_of
-from twin.project import files, trust
+from twin.project import trust
 from twin.project.config import CameraTable, Config
 from twin.project.folder import Project
 from twin.project.staleness import changes

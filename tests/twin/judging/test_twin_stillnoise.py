@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.project.stillnoise import holds, stated_noise, still_noise
+from twin.judging.stillnoise import holds, stated_noise, still_noise
 from twin.project.targetfiles import read_targets
 from twin.targets import Array
 

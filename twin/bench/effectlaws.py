@@ -3,6 +3,7 @@ begins."""
 
 from typing import Any
 
+from twin import files
 from twin.bench.fits import fresh
 from twin.bench.workbench import law_of_project, own_of
 from twin.diagnosis.record import DiagnosisRecord
@@ -14,9 +15,9 @@ from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
 from twin.judging.judged import Judged
 from twin.judging.record import FitRecord
+from twin.messages import Say
 from twin.model.prediction import Model
-from twin.project import files
-from twin.project.folder import Project, Say
+from twin.project.folder import Project
 from twin.project.trust import programs, remember
 
 Start = dict[str, float]

@@ -19,7 +19,7 @@ from numpy.lib import format as npy
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel
 
-from twin.project.validation import checked
+from twin.validation import checked
 
 MOST_BYTES = 4 * 2**30  # of the arrays of one file
 AGAIN = "remove it and run its stage again"

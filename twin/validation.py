@@ -2,6 +2,7 @@
 
 import json
 import re
+import tomllib
 from collections.abc import Iterator
 from difflib import get_close_matches
 from typing import Any, TypeVar, get_args
@@ -12,6 +13,27 @@ from pydantic.fields import FieldInfo
 from twin.tablemodel import keys_of
 
 Checked = TypeVar("Checked", bound=BaseModel)
+LONGEST, DEEPEST = 10_000_000, 100  # letters of a file; parts of a key, as in model.fixed.C10
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_DEEP = re.compile(rf"""(?<![\w"'.-]){_PART}(?:\.[ \t]*{_PART}){{{DEEPEST}}}""")
+
+
+def tables_of(data: bytes, *, name: str) -> dict[str, Any]:
+    """The tables of a TOML file's bytes; ValueError where they are no TOML, or far longer than any."""
+    try:
+        text = decoded(data)
+        if len(text) > LONGEST or _DEEP.search(text):  # its time grows with their square
+            raise ValueError(f"wanted at most {LONGEST // 10**6} MB, and keys of at most {DEEPEST} parts")
+        return tomllib.loads(text)
+    except ValueError as error:  # of TOML, of UTF-8, or for a number of more than 4300 digits
+        raise ValueError(f"{name}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise ValueError(f"{name}: its brackets lie in each other too deeply; wanted at most a few") from None
+
+
+def decoded(data: bytes) -> str:
+    """The text of a file's bytes, without the byte order mark that some editors write."""
+    return data.decode("utf-8-sig")
 
 
 def checked(model: type[Checked], data: Any, *, name: str) -> Checked:
