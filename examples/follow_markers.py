@@ -10,7 +10,7 @@ import numpy as np
 
 from vision import Camera, Mark, Video, View, measure
 from vision.drawing import synthetic
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 # What is glued where: six markers on the rig carry the axes, four must not move, three are on the finger.
 PLACES = {  # mm: x along the finger, z up; all lie at y = 12 mm

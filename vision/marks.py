@@ -8,10 +8,7 @@ import numpy as np
 
 from vision.camera import Array, Image
 from vision.dictionaries import dictionary_of
-from vision.kinds.coded import CodedMarker
-from vision.kinds.markkind import MarkKind
-from vision.kinds.plaindot import PlainDot
-from vision.kinds.texturepatch import TexturePatch
+from vision.kinds import CodedMarker, MarkKind, PlainDot, TexturePatch
 
 ROLES = ("frame", "fixed", "finger")
 FEW = 4  # markers, below which the picture may be one of inverted markers

@@ -43,7 +43,7 @@ from twin.virtual.protocols import Bench, places
 from twin.virtual.truthsolves import CHANGE, COUNT, displaced, on_surface, truth_case
 from vision import Mark
 from vision.drawing import synthetic
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 SEED, SIZE = 3, 0.12  # share of the stiffness that is lost in the truth's law
 TOP = 0.03  # MPa

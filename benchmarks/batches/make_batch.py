@@ -40,7 +40,7 @@ from twin.targets import Array
 from vision import Camera, Mark
 from vision.boards.charuco import CharucoBoard
 from vision.drawing import synthetic
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 PROTOCOL: virtual.Corners = (
     (0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (9.0, 30.0), (9.4, 0.0), (14.0, 0.0)

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from vision import Camera, Displacements, Mark, Video, View, measure
 from vision.drawing import synthetic
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 Array = NDArray[np.float64]
 SIZE, DEPTH, AWAY = (640, 368), 12.0, 420.0  # px, mm, mm

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision import Video
-from vision.errors import codingdrift, compression, modes, noise, reencoding
-from vision.errors.noise import CREEP, REST, SHAKEN, states
+from vision.errors import codingdrift, codingvariance, reencoding, sharederrors, staticnoise
+from vision.errors.staticnoise import CREEP, REST, SHAKEN, states
 from vision.film.video import Writer
 from vision.following.reference import Follower, prepare
 from vision.following.tracking import follow
@@ -34,18 +34,18 @@ from vision.marks import frame_places, rows_of
 Array = NDArray[np.float64]
 PX_PER_MM = films.FOCAL / films.AWAY
 USED = {
-    "SETTLED: frames 0 to 9 off their mean, over 30 to 49": f"{noise.SETTLED} frames",
-    "SETTLED: the same, frames 10 to 19": f"{noise.SETTLED} frames",
-    "DRIFT_PX: median wander in ten frames at rest, px": f"{noise.DRIFT_PX}",
-    "CREEP_SHARED: correlation while creeping, 1 frame apart": f"{modes.CREEP_SHARED}",
-    "CREEP_SHARED: the same, 10 frames apart": f"{modes.CREEP_SHARED}",
-    "CREEP_SHARED: while shaken, 3 frames apart": f"{modes.CREEP_SHARED} at most",
-    "STOPS: rms error after a stop over slow motion": f"{compression.STOPS}",
+    "SETTLED: frames 0 to 9 off their mean, over 30 to 49": f"{staticnoise.SETTLED} frames",
+    "SETTLED: the same, frames 10 to 19": f"{staticnoise.SETTLED} frames",
+    "DRIFT_PX: median wander in ten frames at rest, px": f"{staticnoise.DRIFT_PX}",
+    "CREEP_SHARED: correlation while creeping, 1 frame apart": f"{sharederrors.CREEP_SHARED}",
+    "CREEP_SHARED: the same, 10 frames apart": f"{sharederrors.CREEP_SHARED}",
+    "CREEP_SHARED: while shaken, 3 frames apart": f"{sharederrors.CREEP_SHARED} at most",
+    "STOPS: rms error after a stop over slow motion": f"{codingvariance.STOPS}",
     "FRESH: variance new at a key frame over coding again": f"{codingdrift.FRESH}",
     "SLOW: variance new in 40 frames over the same": f"{codingdrift.SLOW}",
     "UNSEEN: rms error, last 12 of 60 frames over the middle": f"{reencoding.UNSEEN} frames",
     "UNSEEN: bytes of these": f"{reencoding.UNSEEN} frames",
-    "BETWEEN: rms error, first 5 of 60 frames over the middle": f"{noise.BETWEEN} frames",
+    "BETWEEN: rms error, first 5 of 60 frames over the middle": f"{staticnoise.BETWEEN} frames",
     "KEPT_GREY: grey levels of noise left": f"{reencoding.KEPT_GREY} at most",
     "KEPT_GREY: with tune=grain, crf 18": f"{reencoding.KEPT_GREY} at least",
     "COARSER: steps of the rate factor to half the bytes": f"{reencoding.COARSER}",
@@ -87,7 +87,7 @@ def of_film(error: Array, state: NDArray[np.int8], keys: list[int], coded: float
 
     error: (t,m,2) px.   state: (t,m).   keys: rare key frames.   coded: px2, left at rest by coding again.
     """
-    begins, end = error[:50], noise.SETTLED + noise.BETWEEN
+    begins, end = error[:50], staticnoise.SETTLED + staticnoise.BETWEEN
     moves, never = (state != REST).any(axis=0), ~(state[end:] != REST).any(axis=0)
     late = begins[30:] - begins[30:].mean(axis=0)
     for part in (begins[:10], begins[10:20]):
@@ -138,7 +138,7 @@ def left_at_rest(film: Video, again: Followed, seed: int) -> float:
     """Mean square error, px2, that coding the film once more leaves in markers at rest."""
     frame, points = rows_of(films.laboratory(seed)[2])
     ready, nominal = follower_of(film, seed), frame_places(films.laboratory(seed)[2])
-    terms = compression.codec_terms(
+    terms = codingvariance.codec_terms(
         reencoding.coded_again(film, ready, again, nominal, frame, points, None)
     )
     return float(np.mean(terms.rest[[0, 2]] ** 2)) * PX_PER_MM**2

@@ -62,7 +62,7 @@ from twin.virtual.hidden import KINDS
 from twin.virtual.protocols import PROTOCOLS, Protocol
 from vision import Mark
 from vision.drawing import synthetic
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 KINDS_FILMED = ("pressure_lag", "wall_taper", "eccentric_core", "tube", "pressure_offset", "two_volumes",
                 "stepped_wall", "ballooning", "strain_limiting_layer", "tilted_core")  # fmt: skip

@@ -34,7 +34,7 @@ from twin.targets import Array
 from vision import Camera, Mark
 from vision.boards.charuco import CharucoBoard
 from vision.drawing import synthetic
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 TWIST_DEG = 1.2  # how crooked tags are glued, 1 sd
 BOARD_JPEG = 93

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from vision import Camera, Displacements, Mark, Stated, Video, View, measure
 from vision.drawing import synthetic
-from vision.errors.modes import sync
+from vision.errors.sharederrors import sync
 
 Array = NDArray[np.float64]
 SIZE = (512, 320)  # px

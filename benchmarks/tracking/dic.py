@@ -29,8 +29,8 @@ from scipy.ndimage import gaussian_filter
 
 from vision.camera import Array, Image
 from vision.following import registration
-from vision.following.curvature import curvature_of, straightened
 from vision.following.registration import NO_LENS, Templates
+from vision.following.subsetbias import curvature_of, straightened
 from vision.measuring.face import BLUR_PX, NEIGHBOURS, find_subsets, smooth
 
 DATA = SHARED / "dic_challenge_5"

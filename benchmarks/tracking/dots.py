@@ -19,7 +19,7 @@ from benchmarks.tracking.markers import REFERENCE, Scene, Trial, bound, displace
 import numpy as np
 
 from vision import Mark
-from vision.kinds.plaindot import PlainDot
+from vision.kinds import PlainDot
 from vision.marks import dots_of
 
 SIZES = (8, 12, 20)  # px, diameter

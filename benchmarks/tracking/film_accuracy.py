@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from vision import Camera, Displacements, Mark, Video, View, measure
 from vision.drawing import synthetic
-from vision.errors.noise import CREEP, FAST, SHAKEN, states
+from vision.errors.staticnoise import CREEP, FAST, SHAKEN, states
 
 Array = NDArray[np.float64]
 DEPTH = 12.0  # mm

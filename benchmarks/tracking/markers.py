@@ -33,13 +33,11 @@ from numpy.typing import NDArray
 from vision import Camera, Mark, Video
 from vision.drawing import synthetic
 from vision.film.video import Writer
+from vision.following.markrotations import mean_seen
 from vision.following.reference import Follower, prepare
 from vision.following.tracking import follow
 from vision.following.tracks import Followed, Method
-from vision.following.turns import mean_seen
-from vision.kinds import coded, plaindot
-from vision.kinds.coded import CodedMarker
-from vision.kinds.plaindot import PlainDot
+from vision.kinds import CodedMarker, PlainDot, coded, plaindot
 from vision.marks import detect
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from fe import Case
 from twin.project.config import BoardTable, MarkerTable
 from vision import Mark
 from vision.boards.charuco import CharucoBoard
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]  # rvec, tvec

@@ -26,7 +26,7 @@ from twin.project.toml import dump
 from twin.targets import Array
 from vision import Board, Camera, Mark
 from vision.drawing import synthetic
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 SIZE, RATE, FRAMES, STILL = (640, 400), 10.0, 46, 120
 MIDDLE, Y, TAG = np.array([45.0, 11.5, -15.0]), 11.5, 9.0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vision import Camera, Mark, Video
 from vision.drawing import synthetic
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 Array = NDArray[np.float64]
 DEPTH = 12.0  # mm, y of the plane of all marks

@@ -11,10 +11,17 @@ from scipy.ndimage import gaussian_filter
 
 from vision import Mark
 from vision.drawing import synthetic
-from vision.errors.noise import CREEP, FAST, PASSING, REST, SHAKEN, hidden_in_static, states, static_noise
-from vision.kinds.coded import CodedMarker
-from vision.kinds.facepoint import FacePoint
-from vision.kinds.plaindot import PlainDot
+from vision.errors.staticnoise import (
+    CREEP,
+    FAST,
+    PASSING,
+    REST,
+    SHAKEN,
+    hidden_in_static,
+    states,
+    static_noise,
+)
+from vision.kinds import CodedMarker, FacePoint, PlainDot
 from vision.marks import codes_of, dots_of
 from vision.plane import fit_homography, homographies, plane_of, to_plane
 

@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from vision import Camera, Mark
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 from vision.perspective import Projection
 from vision.plane import homographies
 

@@ -139,7 +139,7 @@ def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
 def _rests(look: _Look, seen: "Glimpses", still: "Glimpses", log: Log) -> tuple[str, ...]:
     """Sentences where the finger drifts at rest; ValueError where it moves, or the film runs too fast to show
     its rest."""
-    from vision.errors.restcheck import check_rest
+    from vision.errors.restdrift import check_rest
 
     coded, rest = _coded(look), seen.rest
     names, film = [look.marks[p].name for p in coded], look.film.path.name
@@ -261,7 +261,7 @@ def _motion(look: _Look, seen: "Glimpses", log: Log) -> tuple[str, ...]:
 def _course(look: _Look, seen: "Glimpses", rest: NDArray[np.bool_]) -> Motion | None:
     """How far the finger's coded marks are from where they are in the frames `rest` (k,); None without such
     marks, or where film and log have no common clock yet."""
-    from vision.following.turns import mean_seen
+    from vision.following.markrotations import mean_seen
 
     pressure, place = look.project.config.pressure, _places(look, seen)[:, _coded(look)]
     if pressure is None or pressure.join != "stamps" or not place.shape[1]:

@@ -31,7 +31,7 @@ def make_targets(
     What the join leaves uncertain becomes the mode "sync", and what a rolling shutter does "readout".
     late: (s,p) s by which the camera read each mark after the middle of the picture.
     """
-    from vision.errors.modes import sync
+    from vision.errors.sharederrors import sync
 
     keep = np.concatenate([[True], np.diff(moved.time) > 0])
     time = moved.time[keep] - moved.time[0] + join.start_s

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # vision takes a second to import: only the stages that measu
     from vision import Mark, Stated, View
     from vision.calibration.rig import Rig
     from vision.following.corrections import Correction
-    from vision.kinds.markkind import MarkKind
+    from vision.kinds import MarkKind
     from vision.measuring.face import Face
 
 
@@ -91,9 +91,7 @@ def marks_of(project: Project) -> list["Mark"]:
 
 def mark_kind(mark: MarkTable) -> "MarkKind":
     """What is followed, as twin.toml states it: a marker by its id, a natural feature, or else a dot."""
-    from vision.kinds.coded import CodedMarker
-    from vision.kinds.plaindot import PlainDot
-    from vision.kinds.texturepatch import TexturePatch
+    from vision.kinds import CodedMarker, PlainDot, TexturePatch
 
     assert mark.size_mm is not None  # the configuration refuses a film without it
     if mark.marker is not None:

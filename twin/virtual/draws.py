@@ -174,7 +174,7 @@ def _picture(rng: np.random.Generator, bench: Bench, frames: int, count: int) ->
 
 def _noise(static: Array, names: tuple[str, ...], bench: Bench) -> Noise:
     """The noise model estimated from a static film, as `twin measure` does it."""
-    from vision.errors.noise import static_noise
+    from vision.errors.staticnoise import static_noise
 
     found = static_noise(static, names, "virtual")
     return Noise(

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from vision.camera import Array
-from vision.errors.modes import UNLIKELY
+from vision.errors.sharederrors import UNLIKELY
 from vision.marks import Mark, codes_of, rows_of
 from vision.plane import homographies, to_plane
 

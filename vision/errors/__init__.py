@@ -1,8 +1,9 @@
-"""How well each displacement is known: independent noise, and errors that many values share ("modes").
+"""Uncertainty of each displacement: independent noise, and errors that many values share ("modes").
 
-Read in this order. `noise` is what scatters at rest, and what patches of the picture do. `autocorrelation`
-tells how long noise lasts, `restcheck` whether the finger rested at all. `reencoding` codes the film's own
-frames once more, and `compression` makes terms of the error model from that. `variance` is the independent
-variance of every place. `modes` are the shared errors by name, for example a wrong scale; `codingdrift` are
-those that stay in resting marks until coding draws them anew. `errorbudget` sums all of them up by source.
+Read in this order. At rest: `staticnoise` is the scatter in the static film and the states of patches,
+`autocorrelation` its memory from frame to frame, `restdrift` a finger that did not rest. Video compression:
+`reencoding` codes the film's own frames once more, `codingvariance` makes variances of that by state of the
+patch, `codingdrift` is the part that stays in resting marks from key frame to key frame. Every value:
+`independenterrors` are variances, `sharederrors` modes by name, for example a wrong scale. `errorbudget`
+is the table of all by source.
 """

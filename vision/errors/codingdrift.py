@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array
-from vision.errors.modes import Named, orthogonal
-from vision.errors.noise import SETTLED
-from vision.errors.variance import Rest
-from vision.following.turns import mean_seen
+from vision.errors.independenterrors import Rest
+from vision.errors.sharederrors import Named, orthogonal
+from vision.errors.staticnoise import SETTLED
+from vision.following.markrotations import mean_seen
 from vision.marks import Mark
 from vision.plane import Plane, misplaced
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Image
-from vision.errors.noise import BETWEEN, states
+from vision.errors.staticnoise import BETWEEN, states
 from vision.film.checkpoint import Progress
 from vision.film.packets import NAMES, Coding
 from vision.film.video import Video, Writer

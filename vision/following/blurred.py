@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from vision.camera import Array
-from vision.following import registration, uneven
+from vision.following import influence, registration
 from vision.following.registration import INTERPOLATED, Picture, Templates
 from vision.marks import linear_at_centre
 
@@ -159,7 +159,7 @@ def _adjusted(reference: Templates, known: Spectra, row: int, warp: Array, fit: 
         fit.left,
         noise * max(1.0 / (INTERPOLATED * pixels), 1.0) * own,
         float(np.trace(own) / np.trace(sharp)),
-        uneven.lean_of(fit.design, fit.residual, linear),
+        influence.lean_of(fit.design, fit.residual, linear),
     )
 
 

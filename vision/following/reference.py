@@ -19,8 +19,8 @@ from vision.following.firstpictures import (
     find_missing,
     unseen,
 )
+from vision.following.influence import Quarters, quarters
 from vision.following.printedpattern import CELLS_BEYOND, printed_centres
-from vision.following.uneven import Quarters, quarters
 from vision.marks import (
     Mark,
     codes_of,

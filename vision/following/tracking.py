@@ -10,7 +10,7 @@ from vision.camera import Array, Image
 from vision.film.checkpoint import Keeper, Progress, Row, every_frame
 from vision.film.picturefaults import sample, stale
 from vision.film.video import Video
-from vision.following import blurred, fallback, registration, uneven
+from vision.following import blurred, fallback, influence, registration
 from vision.following.dots import eccentricity
 from vision.following.fallback import ECC_SD
 from vision.following.identity import DotMemory, follow_dots
@@ -61,7 +61,7 @@ def follow(
         np.array(column) for column in zip(*rows, strict=True)
     )
     absent = [*np.flatnonzero(~there), *range(len(rows), len(film.time))]
-    more = uneven.stated(leaning, np.isin(method, FIRM))
+    more = influence.stated(leaning, np.isin(method, FIRM))
     given_up = np.isinf(more)
     warp[given_up], method[given_up], more[given_up] = np.nan, Method.LOST, 0.0
     ideal = centres(warp, follower.centre)
@@ -231,7 +231,9 @@ def _lay(
     good = correlation > follower.least[rows]
     kept = marks[good]
     shown.warp[kept], shown.match[kept], shown.method[kept] = laid[good], correlation[good], way
-    shown.leaning[kept] = uneven.lean(follower.quarters, rows[good], sums[good], linear_at_centre(laid[good]))
+    shown.leaning[kept] = influence.lean(
+        follower.quarters, rows[good], sums[good], linear_at_centre(laid[good])
+    )
     _adjust(image, follower, rows, laid, correlation, grey, shown)
 
 

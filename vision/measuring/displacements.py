@@ -11,11 +11,11 @@ from vision.camera import Array
 from vision.doubts.framemarks import frame_fit, without_odd
 from vision.doubts.slips import find_slips
 from vision.errors.errorbudget import Budget, budget
-from vision.errors.modes import Stated, stacked
-from vision.errors.noise import NoiseModel, hidden_in_static
+from vision.errors.sharederrors import Stated, stacked
+from vision.errors.staticnoise import NoiseModel, hidden_in_static
 from vision.film.checkpoint import Keeper, Progress
+from vision.following.markrotations import mean_seen
 from vision.following.tracks import Method, Tracks
-from vision.following.turns import mean_seen
 from vision.marks import Mark, check_names, rows_of
 from vision.measuring.face import Face, with_face
 from vision.measuring.strains import StrainField, strain_field
@@ -46,7 +46,9 @@ class Displacements:
     value: Array  # (s,p,3) mm
     covariance: Array  # (s,p,3,3) mm2, independent part: static noise, homography, blur, codec
     modes: Array  # (k,s,p,3) mm, errors shared by many values, 1 sd each
-    mode_names: tuple[str, ...]  # (k,) see vision.errors.modes: scale, placement:<name>:x|z, frame:<k>, ...
+    mode_names: tuple[
+        str, ...
+    ]  # (k,) as in `sharederrors`: scale, placement:<name>:x|z, frame:<k>, ...
     noise: NoiseModel
     reference: NDArray[np.intp]  # (r,) steps of the reference
     tracks: Tracks  # of the first camera, in all t frames

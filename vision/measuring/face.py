@@ -16,11 +16,11 @@ from vision.camera import Array, Camera, Image
 from vision.film.checkpoint import Row, every_frame
 from vision.film.video import Video
 from vision.following import registration
-from vision.following.curvature import Curvature, curvature_of, straightened
+from vision.following.markrotations import mean_seen
 from vision.following.reference import MAX_REFERENCE
+from vision.following.subsetbias import Curvature, curvature_of, straightened
 from vision.following.tracks import Followed, Method
-from vision.following.turns import mean_seen
-from vision.kinds.facepoint import FacePoint
+from vision.kinds import FacePoint
 from vision.marks import Mark, linear_at_centre, px_per_unit, rows_of
 from vision.perspective import viewpoint
 from vision.placing.views import How, Seen, View

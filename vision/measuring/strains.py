@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array
-from vision.errors.noise import NoiseModel
-from vision.following.turns import linear_maps, mean_seen
-from vision.kinds.facepoint import FacePoint
+from vision.errors.staticnoise import NoiseModel
+from vision.following.markrotations import linear_maps, mean_seen
+from vision.kinds import FacePoint
 from vision.marks import Mark, rows_of
 from vision.perspective import heights, viewpoint
 from vision.placing import planeerrors

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vision.calibration.rig import Rig
 from vision.camera import Array
-from vision.following.turns import mean_seen
+from vision.following.markrotations import mean_seen
 from vision.placing.triangulation import Sight, places_of
 
 SAME = 1e-3  # of a frame: nearer than that, nothing is interpolated

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from vision.calibration.rig import Rig
 from vision.camera import Array
-from vision.errors import modes
-from vision.errors.compression import codec_sd
-from vision.errors.modes import Named, Stated
-from vision.errors.noise import REST, NoiseModel, states, static_noise
-from vision.errors.variance import misfit
+from vision.errors import sharederrors
+from vision.errors.codingvariance import codec_sd
+from vision.errors.independenterrors import misfit
+from vision.errors.sharederrors import Named, Stated
+from vision.errors.staticnoise import REST, NoiseModel, states, static_noise
+from vision.following.markrotations import finger_turns, linear_maps, mean_seen, rotations
 from vision.following.tracks import Followed
-from vision.following.turns import finger_turns, linear_maps, mean_seen, rotations
 from vision.marks import Mark, rows_of
 from vision.placing import spaceerrors
 from vision.placing.clocks import Track, joined, lags
@@ -63,10 +63,10 @@ def in_space(
     parts = spaceerrors.variances(noise, scene.rest, scene.places, scene.sight, blur, codec)
     state, extra = states(seen[0].film.ideal[:, list(scene.sight.points)])[steps], np.sqrt(parts["codec"])
     noise = replace(noise, codec_sd=while_moving(np.nan_to_num(extra), state != REST))
-    holds, loose, left = modes.codec(extra, state, output)
+    holds, loose, left = sharederrors.codec(extra, state, output)
     parts["codec"] = loose**2
     start = _reference_variance(noise, spaceerrors.through(scene.places, scene.sight, held), scene.sight)
-    frame_mm, said = modes.frame_sd(
+    frame_mm, said = sharederrors.frame_sd(
         scene.places.misfit,
         [marks[p].name for p in scene.sight.frame],
         stated.frame_mm,
@@ -122,9 +122,9 @@ def _modes(
     output = [scene.marks[p] for p in scene.sight.points]
     nominal, sight = scene.sight.nominal, scene.sight
     return [
-        modes.scale(value, stated.scale),
-        modes.placement(value, output, turns, stated.placement_mm),
-        modes.node(value, nominal[list(sight.points)], output, turns, stated.node_mm),
+        sharederrors.scale(value, stated.scale),
+        sharederrors.placement(value, output, turns, stated.placement_mm),
+        sharederrors.node(value, nominal[list(sight.points)], output, turns, stated.node_mm),
         spaceerrors.tilt(value, nominal[list(sight.frame)], frame_mm),
         spaceerrors.reference_in_space(value, output, start),
         spaceerrors.clock_modes(scene.rig, sight, scene.tracks, scene.when, scene.lag, scene.lag_sd, value),

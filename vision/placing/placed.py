@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array
-from vision.errors.modes import Named
-from vision.errors.noise import NoiseModel
+from vision.errors.sharederrors import Named
+from vision.errors.staticnoise import NoiseModel
 
 
 @dataclass(frozen=True, kw_only=True)

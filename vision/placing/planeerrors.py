@@ -146,9 +146,7 @@ def alarms(
     rig = [p for p, mark in enumerate(marks) if mark.role == "fixed"]
     if len(own := [p for p in rig if p in found]) >= max(ON_RIG, AT_ONCE * len(rig)):
         return (_changed(found, own, time),)
-    return tuple(
-        _alarm(marks[p].name, float(time[at]), mm, sd, sd_mm) for p, (at, mm, sd) in found.items()
-    )
+    return tuple(_alarm(marks[p].name, float(time[at]), mm, sd, sd_mm) for p, (at, mm, sd) in found.items())
 
 
 def _changed(found: dict[int, tuple[int, float, float]], rig: Sequence[int], time: Array) -> str:

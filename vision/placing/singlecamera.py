@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
-from vision.errors import codingdrift, modes
+from vision.errors import codingdrift, sharederrors
 from vision.errors.codingdrift import coding_drift, shares
-from vision.errors.compression import Codec, codec_sd
-from vision.errors.modes import Named, Stated
-from vision.errors.noise import REST, NoiseModel, states, static_noise, with_y
-from vision.errors.variance import Rest, at_rest, by_hand, independent, misfit
+from vision.errors.codingvariance import Codec, codec_sd
+from vision.errors.independenterrors import Rest, at_rest, by_hand, independent, misfit
+from vision.errors.sharederrors import Named, Stated
+from vision.errors.staticnoise import REST, NoiseModel, states, static_noise, with_y
+from vision.following.markrotations import finger_turns, linear_maps, mean_seen, rotations, sides
 from vision.following.tracks import COARSE, Followed, thinned
-from vision.following.turns import finger_turns, linear_maps, mean_seen, rotations, sides
 from vision.marks import Mark, frame_places, rows_of
 from vision.perspective import Viewpoint, heights, to_own_plane, viewpoint
 from vision.placing import planeerrors
@@ -75,7 +75,7 @@ def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[n
     state = states(seen.film.ideal[:, scene.points])
     noise = replace(noise, codec_sd=while_moving(extra, state != REST))
     extra, rest = extra[steps], at_rest(noise, scene.quiet, place)
-    holds, loose, unshared = modes.codec(extra, state[steps], scene.output, seen.codec.shared)
+    holds, loose, unshared = sharederrors.codec(extra, state[steps], scene.output, seen.codec.shared)
     keyed, flicker, unkeyed = _keyed(seen, scene, place, rest, steps)
     loose = np.where(loose > 0.0, loose, np.sqrt(flicker * with_y(shares(rest))))
     start = _reference_sd(noise, seen.codec, len(scene.film.reference))
@@ -137,7 +137,7 @@ def _codec(seen: Seen, scene: _Scene) -> Array:
 def _redrawn(seen: Seen, scene: _Scene) -> Named:
     """What registration and lossy coding err by in a picture that lies elsewhere than at rest."""
     film, coded = scene.film, float(np.sqrt(np.mean(seen.codec.rest[[0, 2]] ** 2)))
-    return modes.redrawn(scene.value, film.ideal[:, scene.points], film.reference, scene.output, coded)
+    return sharederrors.redrawn(scene.value, film.ideal[:, scene.points], film.reference, scene.output, coded)
 
 
 def _keyed(
@@ -182,11 +182,11 @@ def _modes(
     value, output, film, view = scene.value, scene.output, scene.film, scene.view
     nominal = np.array([mark.position for mark in output])
     return [
-        modes.scale(value, stated.scale),
-        modes.placement(value, output, turns, stated.placement_mm),
-        modes.node(value, nominal, output, turns, stated.node_mm),
-        modes.frame(misplaced(scene.plane, scene.place), film.reference, frame_mm),
-        modes.reference_mode(value, output, *start),
+        sharederrors.scale(value, stated.scale),
+        sharederrors.placement(value, output, turns, stated.placement_mm),
+        sharederrors.node(value, nominal, output, turns, stated.node_mm),
+        sharederrors.frame(misplaced(scene.plane, scene.place), film.reference, frame_mm),
+        sharederrors.reference_mode(value, output, *start),
         planeerrors.height_modes(value, output, view, sd_mm=stated.height_mm),
         planeerrors.out_of_plane_modes(value, scene.own_place, output, view, sd_mm=stated.out_of_plane_mm),
         planeerrors.calibration_modes(
@@ -204,7 +204,7 @@ def _modes(
 
 def _frame_sd(scene: _Scene, rest: Rest, stated: Stated) -> tuple[float, tuple[str, ...]]:
     reference = scene.film.reference
-    return modes.frame_sd(
+    return sharederrors.frame_sd(
         mean_seen(scene.plane.residual[reference]),
         [scene.marks[p].name for p in scene.frame],
         stated.frame_mm,

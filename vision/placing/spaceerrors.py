@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from vision.calibration.rig import Rig
 from vision.camera import Array
-from vision.errors.modes import Named
-from vision.errors.noise import NoiseModel
-from vision.following.turns import mean_seen
+from vision.errors.sharederrors import Named
+from vision.errors.staticnoise import NoiseModel
+from vision.following.markrotations import mean_seen
 from vision.marks import Mark
 from vision.placing.clocks import Track, joined
 from vision.placing.planeerrors import principal, uncorrelated

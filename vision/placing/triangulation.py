@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from vision.calibration.rig import Rig, triangulate
 from vision.camera import Array
-from vision.following.turns import mean_seen
+from vision.following.markrotations import mean_seen
 from vision.plane import MIN_VISIBLE
 
 STEPS = 5  # of Gauss-Newton from the rig's pose

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from vision.camera import Camera, Image
 from vision.doubts.misplacedmarks import doubts
 from vision.doubts.plausibility import check_marks
-from vision.errors.compression import Codec, codec_terms
-from vision.errors.noise import MIN_STATIC
+from vision.errors.codingvariance import Codec, codec_terms
 from vision.errors.reencoding import coded_again, described
-from vision.errors.restcheck import check_rest
+from vision.errors.restdrift import check_rest
+from vision.errors.staticnoise import MIN_STATIC
 from vision.film.checkpoint import Keeper, Progress
 from vision.film.video import Video
 from vision.following.corrections import Correction, corrected
@@ -20,7 +20,7 @@ from vision.following.reference import Follower, check_fingers_seen, prepare
 from vision.following.tracking import follow
 from vision.following.tracks import Followed
 from vision.marks import Mark, frame_places, rows_of
-from vision.placing.steadiness import unsteady
+from vision.placing.camerashake import unsteady
 from vision.plane import homographies, to_plane
 
 

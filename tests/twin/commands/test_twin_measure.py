@@ -323,7 +323,7 @@ def test_a_time_shift_moves_the_log(tmp_path):
 
 def test_a_repeated_time_stamp_keeps_the_first_frame(project):
     from vision import Mark
-    from vision.kinds.coded import CodedMarker
+    from vision.kinds import CodedMarker
 
     marks = [Mark("tip", CodedMarker(0, 6.0), (100.0, 12.0, 0.0), "finger"),
              Mark("F", CodedMarker(1, 6.0), (0.0, 12.0, 9.0), "fixed")]

@@ -13,8 +13,7 @@ from twin.project.config import BoardTable, PointTable, ProjectTable
 from twin.project.folder import Project
 from twin.project.toml import dump
 from vision import Board, locate
-from vision.kinds.coded import CodedMarker
-from vision.kinds.plaindot import PlainDot
+from vision.kinds import CodedMarker, PlainDot
 from vision.marks import detect
 
 DPI = 254

@@ -30,7 +30,7 @@ from twin.project.toml import dump, parse
 from vision import Board, Camera, Mark
 from vision.camera import Array
 from vision.drawing import synthetic
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 BOARD = BoardTable(columns=7, rows=5, square_mm=22.0, marker_mm=16.0)
 SIZE = (640, 400)

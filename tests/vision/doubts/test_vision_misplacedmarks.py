@@ -8,7 +8,7 @@ import pytest
 
 from vision import Camera, Mark
 from vision.doubts.misplacedmarks import doubts
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 from vision.marks import corner_warp
 
 FRAME = [(-24, 26), (30, 30), (70, 30), (120, 26), (-24, -58), (45, -60), (120, -58)]

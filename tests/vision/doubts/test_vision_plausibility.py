@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vision import Mark
 from vision.doubts.framemarks import frame_fit, without_odd
 from vision.doubts.plausibility import check_marks
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 from vision.marks import corner_warp
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from vision import Mark, View, measure
 from vision.doubts.slips import find_slips
 from vision.drawing import synthetic
 from vision.film.video import Video
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 Array = NDArray[np.float64]
 Lab = Any

@@ -14,9 +14,9 @@ from tests.pulls import band
 from vision import Camera, Displacements, Stated, View, measure
 from vision.errors.autocorrelation import of_mean, persistence_of
 from vision.errors.codingdrift import rare, stretches
-from vision.errors.compression import Codec
+from vision.errors.codingvariance import Codec
 from vision.following.tracks import Followed, Method
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 from vision.marks import Mark
 from vision.measuring.displacements import displacements_of
 from vision.placing.views import Seen

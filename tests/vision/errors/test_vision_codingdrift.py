@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from vision.errors.codingdrift import FRESH, CodingDrift, coding_drift, courses, stretches
-from vision.errors.noise import NoiseModel
-from vision.errors.variance import Rest
+from vision.errors.independenterrors import Rest
+from vision.errors.staticnoise import NoiseModel
 from vision.plane import Plane, plane_of
 
 Array = NDArray[np.float64]

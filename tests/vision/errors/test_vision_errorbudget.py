@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from tests.pulls import band
 from vision import Camera, Displacements, Mark, Stated
-from vision.errors.compression import Codec
+from vision.errors.codingvariance import Codec
 from vision.errors.errorbudget import budget, from_csv, lines, to_csv, with_mode
-from vision.errors.modes import sync
+from vision.errors.sharederrors import sync
 from vision.following.tracks import Followed, Method
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 from vision.measuring.displacements import displacements_of
 from vision.placing.views import Seen
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vision.errors.modes import frame_sd
+from vision.errors.sharederrors import frame_sd
 from vision.placing.triangulation import rigid_fit
 from vision.plane import plane_of
 

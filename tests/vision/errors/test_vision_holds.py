@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from tests.pulls import band
 from vision import Video, View, measure
-from vision.errors import modes
+from vision.errors import sharederrors
 from vision.errors.errorbudget import budget
-from vision.errors.modes import BETWEEN_PX, REDRAWN_PX, codec, redrawn
-from vision.errors.noise import CREEP, FAST, REST
+from vision.errors.sharederrors import BETWEEN_PX, REDRAWN_PX, codec, redrawn
+from vision.errors.staticnoise import CREEP, FAST, REST
 
 Array = NDArray[np.float64]
 Lab = Any  # the fixture's class, see conftest.py
@@ -56,7 +56,7 @@ def test_means_of_holds_in_a_film_coded_with_loss(lab: Lab, coded_still: Video, 
 
 
 def test_more_holds_than_modes_are_said(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(modes, "MAX_HOLDS", 2)
+    monkeypatch.setattr(sharederrors, "MAX_HOLDS", 2)
     state = np.array([[REST] * 6 + [FAST] + [REST] * 4 + [FAST] + [REST] * 5]).T
     found, left, (said,) = codec(np.full((17, 1, 3), 0.3), state, lab.marks[-1:])
     assert len(found) == 6  # all components of two holds

@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 
 from tests.pulls import band
 from vision import Video
-from vision.errors.compression import NOTHING, codec_terms
-from vision.errors.modes import CREEP_SHARED
-from vision.errors.noise import CREEP, FAST, REST, SHAKEN
+from vision.errors.codingvariance import NOTHING, codec_terms
 from vision.errors.reencoding import (
     KEPT_GREY,
     START,
@@ -21,6 +19,8 @@ from vision.errors.reencoding import (
     _searched,
     moved_by,
 )
+from vision.errors.sharederrors import CREEP_SHARED
+from vision.errors.staticnoise import CREEP, FAST, REST, SHAKEN
 from vision.film.video import Writer
 
 Array = NDArray[np.float64]

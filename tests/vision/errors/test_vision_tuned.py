@@ -15,29 +15,32 @@ from scipy.stats import chi2
 from vision.errors import (
     autocorrelation,
     codingdrift,
-    compression,
-    modes,
-    noise,
+    codingvariance,
+    independenterrors,
     reencoding,
-    restcheck,
-    variance,
+    restdrift,
+    sharederrors,
+    staticnoise,
 )
 from vision.errors.codingdrift import CodingDrift, coding_drift
-from vision.errors.noise import CREEP, FAST, REST, SHAKEN, NoiseModel, states
+from vision.errors.independenterrors import Rest
 from vision.errors.reencoding import Again
-from vision.errors.variance import Rest
+from vision.errors.staticnoise import CREEP, FAST, REST, SHAKEN, NoiseModel, states
 from vision.film import packets
 from vision.film.packets import Coding
 from vision.film.video import Video, Writer
 from vision.following.tracks import Followed, Method
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 from vision.marks import Mark
 from vision.plane import Plane, plane_of
 
 Array = NDArray[np.float64]
 Check = Callable[[], bool]
 ROOT = Path(__file__).parents[3]
-MODULES = [autocorrelation, codingdrift, compression, modes, noise, reencoding, restcheck, variance, packets]
+MODULES = [
+    autocorrelation, codingdrift, codingvariance, independenterrors, packets, reencoding, restdrift, sharederrors,
+    staticnoise,
+]  # fmt: skip
 TIP = Mark("tip", CodedMarker(1, 9.0), (0.0, 12.0, 0.0), "finger")
 
 # Not tuned: what coders, the machine or arithmetic say, and names of kinds.
@@ -78,33 +81,33 @@ def path(x: Array) -> NDArray[np.int8]:
     return states(np.stack([x, 0 * x], axis=-1)[:, None])[:, 0]
 
 
-@case(noise, "MIN_STATIC")
+@case(staticnoise, "MIN_STATIC")
 def few_frames_are_said() -> bool:
     seen = np.ones((200, 2, 2))
     seen[85:, 0], seen[160:, 1] = np.nan, np.nan
-    (said,) = noise.hidden_in_static(seen, ["few", "many"], "still") or ("",)
+    (said,) = staticnoise.hidden_in_static(seen, ["few", "many"], "still") or ("",)
     return "'few'" in said and "'many'" not in said
 
 
-@case(noise, "DRIFT_PX")
+@case(staticnoise, "DRIFT_PX")
 def slow_motion_creeps() -> bool:
     time = np.arange(80.0)
     return path(0.0028 * time)[40] == CREEP and path(0.0014 * time)[40] == REST  # 0.028 and 0.014 px in ten frames
 
 
-@case(noise, "SETTLED")
+@case(staticnoise, "SETTLED")
 def the_first_picture_is_refined() -> bool:
     state = path(np.where(np.arange(80) < 60, 0.0, 5.0))
     return state[7] == SHAKEN and state[14] == REST
 
 
-@case(noise, "BETWEEN")
+@case(staticnoise, "BETWEEN")
 def a_move_shakes_for_a_while() -> bool:
     state = path(np.where(np.arange(80) < 40, 0.0, 0.5))
     return state[44] == SHAKEN and state[48] == REST
 
 
-@case(noise, "FAST_PX")
+@case(staticnoise, "FAST_PX")
 def a_pixel_a_frame_is_fast() -> bool:
     time = np.arange(80.0)
     return path(1.4 * time)[40] == FAST and path(0.7 * time)[40] != FAST
@@ -259,16 +262,16 @@ def held_over_slow() -> float:
     state[30:, :2] = REST
     error = np.where(np.arange(60)[:, None, None] % 2, 0.005, -0.005) * np.ones((60, 3, 2))
     error[30:, :2] = 0.0
-    found = compression.codec_terms([Again(slice(0, 60), error, state, 23.0, 1.0)])
+    found = codingvariance.codec_terms([Again(slice(0, 60), error, state, 23.0, 1.0)])
     return float(found.held[0] / found.creep[0])
 
 
-@case(compression, "RESTS")
+@case(codingvariance, "RESTS")
 def two_rests_are_worth_what_was_known() -> bool:
     return abs(held_over_slow() / (0.9 * np.sqrt(0.5)) - 1.0) < 0.1
 
 
-@case(compression, "STOPS")
+@case(codingvariance, "STOPS")
 def an_unseen_rest_has_most_of_the_error_of_slow_motion() -> bool:
     return abs(held_over_slow() / np.sqrt(0.5) - 0.9) < 0.1  # drawn film, see the record
 
@@ -276,36 +279,36 @@ def an_unseen_rest_has_most_of_the_error_of_slow_motion() -> bool:
 # -- modes ------------------------------------------------------------------------------------------------------
 
 
-def shared(state: int, length: int, *, rests: int = 1) -> tuple[modes.Named, Array]:
+def shared(state: int, length: int, *, rests: int = 1) -> tuple[sharederrors.Named, Array]:
     """Modes of a mark that does so for so many frames, as often, with 1 mm of coding error; and what is left."""
     hold = np.concatenate([np.full(length, state), [FAST]])
     states = np.tile(hold, rests)[:, None].astype(np.int8)
-    found, left, _ = modes.codec(np.full((len(states), 1, 3), 1.0) * (1.0, 0.0, 0.0), states, [TIP])
+    found, left, _ = sharederrors.codec(np.full((len(states), 1, 3), 1.0) * (1.0, 0.0, 0.0), states, [TIP])
     return found, left[: length, 0, 0]
 
 
-@case(modes, "MIN_HOLD")
+@case(sharederrors, "MIN_HOLD")
 def three_frames_are_a_hold() -> bool:
     return not shared(REST, 2)[0] and bool(shared(REST, 4)[0])
 
 
-@case(modes, "MAX_HOLDS")
+@case(sharederrors, "MAX_HOLDS")
 def sixty_holds_have_modes() -> bool:
     return 45 < len(shared(REST, 4, rests=130)[0]) < 85
 
 
-@case(modes, "LONG")
+@case(sharederrors, "LONG")
 def a_late_picture_drifts_in_a_long_hold() -> bool:
     return len(shared(CREEP, 15)[0]) == 1 and len(shared(CREEP, 28)[0]) == 2
 
 
-@case(modes, "CREEP_SHARED")
+@case(sharederrors, "CREEP_SHARED")
 def most_of_a_creeping_marks_error_stays() -> bool:
     _, left = shared(CREEP, 15)
     return bool(np.all(np.abs(left**2 - 0.25) < 0.07))
 
 
-@case(modes, "DRIFTING")
+@case(sharederrors, "DRIFTING")
 def half_of_a_late_pictures_error_grows() -> bool:
     found, _ = shared(CREEP, 40)
     power = {name: float(np.sum(mode**2)) for name, mode in found.items()}
@@ -316,32 +319,32 @@ def drawn_anew(coded_mm: float) -> float:
     """Px of the error of a mark that lies on other pixels than at rest."""
     value, ideal = np.zeros((20, 1, 3)), np.zeros((20, 1, 2))
     value[5:, 0, 2], ideal[5:, 0, 1] = 1.0, 8.0
-    found = modes.redrawn(value, ideal, np.arange(3), [TIP], coded_mm)
+    found = sharederrors.redrawn(value, ideal, np.arange(3), [TIP], coded_mm)
     return 8.0 * max(float(mode.max()) for mode in found.values())
 
 
-@case(modes, "REDRAWN_PX")
+@case(sharederrors, "REDRAWN_PX")
 def coding_draws_a_moved_mark_anew() -> bool:
     return 0.0028 < drawn_anew(1.0) < 0.0057
 
 
-@case(modes, "BETWEEN_PX")
+@case(sharederrors, "BETWEEN_PX")
 def registration_errs_between_pixels() -> bool:
     return 0.00056 < drawn_anew(0.0) < 0.00113
 
 
-@case(modes, "LEVEL")
+@case(sharederrors, "LEVEL")
 def neighbours_lie_along_the_finger() -> bool:
     points = np.array([(0.0, 0, 0), (20.0, 0, 2.8), (10.0, 0, 2.8)])  # slopes of 0.14 and 0.28
-    return modes._beside(points, [0, 1, 2], 0) == (0, 1)
+    return sharederrors._beside(points, [0, 1, 2], 0) == (0, 1)
 
 
-@case(modes, "UNLIKELY")
+@case(sharederrors, "UNLIKELY")
 def residuals_contradict_once_in_a_thousand() -> bool:
     told = []
     for chance in (0.0014, 0.0007):
         misfit = np.full((7, 2), np.sqrt(chi2.isf(chance, 6) / 14))
-        told.append(bool(modes.frame_sd(misfit, ["a"] * 7, 1.0, fitted=8)[1]))
+        told.append(bool(sharederrors.frame_sd(misfit, ["a"] * 7, 1.0, fitted=8)[1]))
     return told == [False, True]
 
 
@@ -438,21 +441,21 @@ def a_block_drawn_anew_forgets() -> bool:
 def apart(place: Array) -> float:
     """What is told of one mark's places (t,) or (t,2) mm that should be at rest, mm."""
     both = place if place.ndim == 2 else np.stack([place, 0 * place], axis=-1)
-    found = restcheck.unrest(both[:, None], ["tip"])
+    found = restdrift.unrest(both[:, None], ["tip"])
     return found.mm if found is not None else 0.0
 
 
 def moves(mm: float) -> bool:
-    found = restcheck.unrest(np.linspace(0.0, 1.2 * mm, 300)[:, None, None] * np.array([1.0, 0.0]), ["tip"])
+    found = restdrift.unrest(np.linspace(0.0, 1.2 * mm, 300)[:, None, None] * np.array([1.0, 0.0]), ["tip"])
     return found is not None and found.moves
 
 
-@case(restcheck, "BLOCKS")
+@case(restdrift, "BLOCKS")
 def a_drift_is_told_by_its_outer_sixths() -> bool:
     return 0.75 < apart(np.linspace(0.0, 1.0, 300)) < 0.88
 
 
-@case(restcheck, "FEW")
+@case(restdrift, "FEW")
 def three_frames_are_no_part() -> bool:
     jump, spike = np.repeat([0.0, 1.0], 4), np.where(np.arange(8) == 5, 0.08, 0.0)
     return apart(jump) == 1.0 and apart(spike) == 0.0
@@ -460,25 +463,25 @@ def three_frames_are_no_part() -> bool:
 
 def flips(*along: float) -> bool:
     ends = np.array([[0.0, 0.0], [1.0, 0.0]])
-    return restcheck._flips(np.array(along)[:, None] * ends[1], ends)
+    return restdrift._flips(np.array(along)[:, None] * ends[1], ends)
 
 
-@case(restcheck, "TURNS")
+@case(restdrift, "TURNS")
 def to_and_fro_is_three_jumps() -> bool:
     return flips(0, 0, 1, 1, 0, 0, 1, 1) and not flips(0, 0, 1, 1, 1, 1, 0, 0)
 
 
-@case(restcheck, "BETWEEN")
+@case(restdrift, "BETWEEN")
 def the_middle_of_the_way_is_in_between() -> bool:
     return flips(*[0.25, 0.75] * 10) and not flips(*[0.35, 0.65] * 10)
 
 
-@case(restcheck, "RARE")
+@case(restdrift, "RARE")
 def hardly_a_frame_is_in_between() -> bool:
     return flips(*[0, 1] * 9, 0.5, 0.5) and not flips(*[0, 1] * 8, *[0.5] * 4)
 
 
-@case(restcheck, "CLEAR")
+@case(restdrift, "CLEAR")
 def ten_sds_of_a_mean_are_clear() -> bool:
     """The mean of 50 frames of 0.1 mm has 0.014 mm, a difference 0.02 mm: steps of 7 and 14 of these."""
     white = 0.1 * np.random.default_rng(0).standard_normal((300, 2))
@@ -488,12 +491,12 @@ def ten_sds_of_a_mean_are_clear() -> bool:
     return apart(white + 0.14 * step) == 0.0 and apart(white + 0.28 * step) > 0.2
 
 
-@case(restcheck, "MOST_MM")
+@case(restdrift, "MOST_MM")
 def a_quarter_of_a_millimetre_is_a_motion() -> bool:
     return not moves(0.18) and moves(0.35)
 
 
-@case(restcheck, "TELL_MM")
+@case(restdrift, "TELL_MM")
 def a_drift_of_some_hundredths_is_told() -> bool:
     return apart(np.linspace(0.0, 0.025, 300)) == 0.0 and apart(np.linspace(0.0, 0.05, 300)) > 0.0
 
@@ -501,7 +504,7 @@ def a_drift_of_some_hundredths_is_told() -> bool:
 # -- the variance of one place -----------------------------------------------------------------------------------
 
 
-@case(variance, "OWN")
+@case(independenterrors, "OWN")
 def a_tenth_of_a_marks_noise_is_its_own_at_least() -> bool:
     """A mark whose whole static variance, 1 mm2, is the homography's is blurred to twice its variance."""
     flat = plane(np.zeros((1, 6, 2)))
@@ -510,7 +513,7 @@ def a_tenth_of_a_marks_noise_is_its_own_at_least() -> bool:
     )
     rest = Rest(model, 0.0, 0.0, np.ones((1, 2)), np.zeros(2))
     worse, place = np.full((1, 7), 2.0), np.full((1, 1, 2), 10.0)
-    parts = variance.independent(rest, flat, place, worse, list(range(6)), [6], np.zeros((1, 1, 3)))
+    parts = independenterrors.independent(rest, flat, place, worse, list(range(6)), [6], np.zeros((1, 1, 3)))
     return 0.07 < parts["blur"][0, 0, 0] < 0.14
 
 
@@ -522,10 +525,10 @@ def misfits(size: Array, ideal: Array) -> Array:
         covariance=0.5 * size[:, None, None, None] * np.eye(2), growth=one, reference=np.arange(3),
         method=np.full(one.shape, Method.REGISTERED, np.int8),
     )  # fmt: skip
-    return variance.misfit(followed)[:, 0]
+    return independenterrors.misfit(followed)[:, 0]
 
 
-@case(variance, "CLEARLY")
+@case(independenterrors, "CLEARLY")
 def three_times_the_usual_residual_is_clear() -> bool:
     size = np.ones(100)
     size[50], size[60] = 2.1, 4.2
@@ -533,7 +536,7 @@ def three_times_the_usual_residual_is_clear() -> bool:
     return ratio[50] == 1.0 and ratio[60] > 4.0
 
 
-@case(variance, "LEAST_MOVING")
+@case(independenterrors, "LEAST_MOVING")
 def where_pictures_repeat_what_moves_is_usual() -> bool:
     """120 frames repeat one picture, and leave nothing; while the mark moves 1 to 100 px2 are left. A
     quarter of what counts as moving, the first pictures with it, leaves 15 px2 at most."""

@@ -13,7 +13,7 @@ from vision.film.picturefaults import stale
 from vision.following.reference import prepare
 from vision.following.tracking import follow
 from vision.following.tracks import Followed, Method
-from vision.kinds.plaindot import PlainDot
+from vision.kinds import PlainDot
 
 Lab = Any
 BEND = np.concatenate([np.zeros(12), np.linspace(0, 0.012, 16)[1:], np.full(8, 0.012)])

@@ -25,7 +25,7 @@ MEASURE = """
 import hashlib, json, os, sys
 os.sched_setaffinity(0, set(json.loads(sys.argv[1])))
 from vision import Camera, Mark, Video, View, measure
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 told = json.loads(sys.argv[2])
 marks = [Mark(name, CodedMarker(*kind), *rest) for name, kind, *rest in told["marks"]]
 view = View(Video(told["film"]), Video(told["still"]), Camera.from_dict(told["camera"]))

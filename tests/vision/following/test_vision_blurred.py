@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.pulls import band
+from vision.errors.independenterrors import CLEARLY, misfit
 from vision.errors.reencoding import SHIFT, _laid, _shifted
-from vision.errors.variance import CLEARLY, misfit
-from vision.following import blurred, registration, uneven
+from vision.following import blurred, influence, registration
 from vision.following.blurred import Adjusted
 from vision.following.reference import Follower, prepare
 from vision.following.tracking import centres, follow
@@ -209,8 +209,8 @@ def test_of_two_estimates_far_apart_the_larger_is_stated() -> None:
     without = np.zeros((2, 4, 2, 1))
     without[:, 0, 0, 0] = 0.05, 2.0
     weight, linear = np.tile(np.eye(2), (2, 4, 1, 1)), np.tile(np.eye(2), (2, 1, 1))
-    small, large = uneven._leaning(without, 0.1 * without, weight, linear)[:, 1]
+    small, large = influence._leaning(without, 0.1 * without, weight, linear)[:, 1]
     assert small == pytest.approx(0.5 * 0.05**2)
     assert np.isinf(large)
-    alike = uneven._leaning(without, 0.5 * without, weight, linear)[:, 1]
+    alike = influence._leaning(without, 0.5 * without, weight, linear)[:, 1]
     np.testing.assert_allclose(alike, 0.5 * 0.5 * np.array([0.05, 2.0]) ** 2)

@@ -18,7 +18,7 @@ from vision.following import registration
 from vision.following.reference import prepare
 from vision.following.tracking import follow
 from vision.following.tracks import FIRM
-from vision.kinds.coded import CodedMarker
+from vision.kinds import CodedMarker
 
 Array = NDArray[np.float64]
 HALF, SIDE = 1.2, 40  # of the patch: local units, points

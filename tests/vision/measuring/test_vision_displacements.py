@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from tests.pulls import band
 from vision import Displacements, Mark, Video, View, measure
 from vision.film.video import Writer
-from vision.kinds.coded import CodedMarker
-from vision.kinds.plaindot import PlainDot
+from vision.kinds import CodedMarker, PlainDot
 
 Array = NDArray[np.float64]
 Lab = Any  # the fixture's class, see conftest.py

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tests.pulls import band
 from vision import Displacements, Video, View, measure
 from vision.drawing import synthetic
-from vision.errors.modes import Stated
+from vision.errors.sharederrors import Stated
 from vision.measuring.face import Face
 from vision.measuring.strains import green_lagrange, quads, seeming_strain, to_csv
 

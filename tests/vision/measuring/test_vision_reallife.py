@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tests.pulls import band
 from vision import Displacements, Video
-from vision.errors.compression import Codec
+from vision.errors.codingvariance import Codec
 from vision.film.video import Writer
 from vision.following.reference import prepare
 from vision.following.tracking import follow

@@ -13,9 +13,9 @@ from tests.pulls import band
 from vision import Camera, Displacements, Video, View, measure
 from vision.calibration.rig import OWN, Rig
 from vision.drawing import synthetic
-from vision.errors.compression import codec_terms
-from vision.errors.modes import Stated
+from vision.errors.codingvariance import codec_terms
 from vision.errors.reencoding import coded_again
+from vision.errors.sharederrors import Stated
 from vision.film import checkpoint
 from vision.following.reference import prepare
 from vision.following.tracking import follow

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from tests.pulls import band
 from vision import Camera, Mark, Video, View, measure
 from vision.drawing import synthetic
-from vision.errors.noise import with_y
-from vision.kinds.coded import CodedMarker
+from vision.errors.staticnoise import with_y
+from vision.kinds import CodedMarker
 from vision.perspective import Viewpoint, to_own_plane, viewpoint
 from vision.placing import planeerrors
 from vision.plane import homographies, to_plane

@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from vision.camera import Array
 from vision.errors.autocorrelation import SURE, WHITE, Persistence, innovations, persistence_of
-from vision.following.turns import mean_seen
+from vision.following.markrotations import mean_seen
 
 # Where these numbers come from: docs/records/error-numbers.md
 MIN_STATIC = 120

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vision.camera import Array
-from vision.following.turns import mean_seen
+from vision.following.markrotations import mean_seen
 
 # Where these numbers come from: docs/records/error-numbers.md
 BLOCKS = 6  # parts of the time whose means are compared

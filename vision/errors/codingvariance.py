@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array
-from vision.errors.modes import CREEP_SHARED, MIN_HOLD
-from vision.errors.noise import CREEP, DRIFT_PX, FAST, PASSING, REST, SETTLED, SHAKEN, states, with_y
 from vision.errors.reencoding import Again
-from vision.following.turns import mean_seen
+from vision.errors.sharederrors import CREEP_SHARED, MIN_HOLD
+from vision.errors.staticnoise import CREEP, DRIFT_PX, FAST, PASSING, REST, SETTLED, SHAKEN, states, with_y
+from vision.following.markrotations import mean_seen
 
 # Where these numbers come from: docs/records/error-numbers.md
 RESTS = 2.0  # rests of marks, as many as count as much as what is known before: STOPS of the slow error

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from vision.camera import Array
-from vision.errors.noise import REST, NoiseModel, states, with_y
+from vision.errors.staticnoise import REST, NoiseModel, states, with_y
+from vision.following.markrotations import mean_seen
 from vision.following.tracks import COARSE, Followed, Method
-from vision.following.turns import mean_seen
 from vision.plane import MIN_VISIBLE, Plane, place_noise, shared_noise
 
 # Where these numbers come from: docs/records/error-numbers.md

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.pulls import band
-from vision.following import registration, uneven
+from vision.following import influence, registration
 from vision.following.reference import Follower, prepare
 from vision.following.tracking import centres
 from vision.marks import linear_at_centre, px_per_unit
@@ -88,7 +88,7 @@ def spoilt(
         plain = 0.5 * np.trace(
             registration.centre_covariance(follower.templates, linear, match), axis1=1, axis2=2
         )
-        leaning = uneven.lean(follower.quarters, rows, sums, linear)
+        leaning = influence.lean(follower.quarters, rows, sums, linear)
         found.append((centres(warp, follower.centre) - true, plain, leaning, match))
     error, plain, leaning, match = (np.array([row[k] for row in found]) for k in range(4))
     return error, plain, leaning, match
@@ -97,7 +97,7 @@ def spoilt(
 def in_a_film(quiet: Array, leaning: Array, plain: Array) -> Array:
     """What is stated of the last third of a film, the first two of which show nothing on the marks."""
     believed = np.concatenate([quiet[..., 0] > 0, quiet[..., 0] > 0, plain])
-    return uneven.stated(np.concatenate([quiet, quiet, leaning]), believed)[2 * DRAWS :]
+    return influence.stated(np.concatenate([quiet, quiet, leaning]), believed)[2 * DRAWS :]
 
 
 @pytest.mark.parametrize("paint", [glare, shadow])
@@ -132,7 +132,7 @@ def test_covered_marks_are_given_up_or_stated(lab: Lab, drawn: tuple[Array, Foll
 
 def test_nothing_on_the_marks_is_stated_as_nothing(lab: Lab, drawn: tuple[Array, Follower]) -> None:
     error, usual, leaning, _ = spoilt(lab, drawn, nothing)
-    more = uneven.stated(leaning, np.ones(leaning.shape[:2], dtype=bool))
+    more = influence.stated(leaning, np.ones(leaning.shape[:2], dtype=bool))
     assert np.count_nonzero(more) <= 2  # of 325, where 0.05 % are expected
     # The printed centre and the reference's mean are in it too.
     assert np.sqrt(np.mean(error**2)) < 3.0 * np.sqrt(np.median(usual))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vision.errors.restcheck import check_rest, unrest
+from vision.errors.restdrift import check_rest, unrest
 
 NAMES = ("a", "b", "tip")
 TIME = np.arange(18) / 10.0

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from vision.camera import Array
-from vision.errors.noise import CREEP, FAST, FAST_PX, PASSING, REST, SHAKEN
-from vision.following.turns import mean_seen
+from vision.errors.staticnoise import CREEP, FAST, FAST_PX, PASSING, REST, SHAKEN
+from vision.following.markrotations import mean_seen
 from vision.marks import Mark
 
 Named = Mapping[str, Array]  # name to (s,p,3) mm
@@ -134,7 +134,7 @@ def codec(
     """Compression error in three parts: modes that all frames of a rest share, the sd (s,p,3) mm that is left
     as independent, and a sentence where there are more rests than modes.
 
-    extra: (s,p,3) mm, sd of the coding error.   state: (s,p) from `vision.errors.noise.states`.
+    extra: (s,p,3) mm, sd of the coding error.   state: (s,p) from `vision.errors.staticnoise.states`.
     shaken_shared: share of a shaken patch's variance that stays, as the film's own coding shows it.
 
     P-frames repeat a picture that hardly changes, with its error: no mean over the hold makes it smaller.
