@@ -39,9 +39,10 @@ from twin.executors.chosen import using
 from twin.executors.clusters import on_cluster
 from twin.executors.local import Processes, Serial
 from twin.judging.record import FitRecord
+from twin.marktables import PointTable
 from twin.model.basemodel import base_test
 from twin.model.structure import BuiltIn, base_case
-from twin.project.config import CalibrateTable, Config, PointTable
+from twin.project.config import CalibrateTable, Config
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump

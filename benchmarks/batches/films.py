@@ -31,7 +31,9 @@ from twin.bodies.finger import FingerTable
 from twin.chain import stage_of
 from twin.console import Console
 from twin.inputs.films import FilmTargets, joined
-from twin.project.config import DiagnoseTable, FilmTable, ModelTable, PointTable
+from twin.marktables import PointTable
+from twin.project.cameratables import FilmTable
+from twin.project.config import DiagnoseTable, ModelTable
 from twin.project.folder import Project
 from twin.project.record import SourceRecord
 from twin.project.targetwriting import write_targets

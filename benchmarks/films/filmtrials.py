@@ -43,17 +43,10 @@ from fe import Path as Course
 from twin.bodies.finger import FingerTable
 from twin.chain import stage_of
 from twin.diagnosis.procedure import diagnose
-from twin.project.config import (
-    CalibrateTable,
-    CameraTable,
-    Config,
-    FrameTable,
-    MeasureTable,
-    ModelTable,
-    PointTable,
-    PressureTable,
-    ProjectTable,
-)
+from twin.gauge.pressuretable import PressureTable
+from twin.marktables import FrameTable, PointTable
+from twin.project.cameratables import CameraTable, MeasureTable
+from twin.project.config import CalibrateTable, Config, ModelTable, ProjectTable
 from twin.project.folder import Project
 from twin.project.toml import dump
 from twin.targets import Array, PointKind, TargetPoint, Targets

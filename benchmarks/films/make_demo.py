@@ -36,7 +36,8 @@ import numpy as np
 from fe import Case, Finger, Material, finger_case
 from twin import virtual
 from twin.diagnosis.deciding import Diagnosis
-from twin.project.config import Config, ModelTable, PointTable
+from twin.marktables import PointTable
+from twin.project.config import Config, ModelTable
 from vision.boards.charuco import CharucoBoard
 
 TRUTH = Material(0.214, 0.083, prony=((0.017, 1.6), (0.017, 2.5), (0.006, 15.0)))

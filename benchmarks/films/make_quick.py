@@ -44,7 +44,8 @@ from twin.bodies.finger import FingerTable
 from twin.chain import stage_of
 from twin.console import Console
 from twin.effects.protocol import Test
-from twin.project.config import Config, ModelTable, PointTable
+from twin.marktables import PointTable
+from twin.project.config import Config, ModelTable
 from twin.project.folder import Project
 from twin.virtual.hidden import Kind
 from twin.virtual.truthsolves import SILICONE

@@ -17,18 +17,10 @@ import numpy as np
 from fe import Case
 from fe import Path as Course
 from twin import virtual
-from twin.project.config import (
-    CalibrateTable,
-    CameraTable,
-    Config,
-    DiagnoseTable,
-    FrameTable,
-    MeasureTable,
-    ModelTable,
-    PointTable,
-    PressureTable,
-    ProjectTable,
-)
+from twin.gauge.pressuretable import PressureTable
+from twin.marktables import FrameTable, PointTable
+from twin.project.cameratables import CameraTable, MeasureTable
+from twin.project.config import CalibrateTable, Config, DiagnoseTable, ModelTable, ProjectTable
 from twin.project.toml import dump
 from twin.targets import Array
 from vision import Camera, Mark

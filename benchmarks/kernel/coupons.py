@@ -27,13 +27,13 @@ from fe.homogeneous import Kind, nominal_stress
 from twin import virtual
 from twin.bench.profiling import sd_of
 from twin.coupons.pulltest import PullTest
+from twin.coupons.testtable import MaterialTestTable
 from twin.judging.judged import Judged, judge
 from twin.laws.mooneyrivlin import NOMINAL
 from twin.model.basemodel import base_model
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.memo import KeptModel
 from twin.model.structure import base_case, of_finger
-from twin.project.config import MaterialTestTable
 from twin.targets import Array, MaterialCurve, Targets
 
 RUBBER = Material(C10=0.214, C01=0.083)

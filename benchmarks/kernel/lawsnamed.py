@@ -33,8 +33,9 @@ from fe import Lattice, solve
 from twin.commands.calibratelaws import run_laws
 from twin.laws.catalogue import LAWS
 from twin.laws.law import Constants
+from twin.marktables import PointTable
 from twin.model.structure import BuiltIn
-from twin.project.config import CalibrateTable, Config, PointTable
+from twin.project.config import CalibrateTable, Config
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump

@@ -34,17 +34,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin import files
-from twin.project.config import (
-    CalibrateTable,
-    CameraTable,
-    Config,
-    FrameTable,
-    MarkerTable,
-    MeasureTable,
-    PointTable,
-    PressureTable,
-    ProjectTable,
-)
+from twin.gauge.pressuretable import PressureTable
+from twin.marktables import FrameTable, MarkerTable, PointTable
+from twin.project.cameratables import CameraTable, MeasureTable
+from twin.project.config import CalibrateTable, Config, ProjectTable
 from twin.project.toml import dump
 from vision import Camera, Mark
 from vision.drawing import synthetic

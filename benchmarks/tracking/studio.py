@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fe import Case
-from twin.project.config import BoardTable, MarkerTable
+from twin.marktables import MarkerTable
+from twin.project.cameratables import BoardTable
 from vision import Mark
 from vision.boards.charuco import CharucoBoard
 from vision.kinds import CodedMarker

@@ -20,8 +20,9 @@ from twin import Model, diagnose
 from twin.effects.library import effect
 from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
+from twin.formats.importtable import ImportTable
+from twin.marktables import PointTable
 from twin.model.basemodel import base_model
-from twin.project.config import ImportTable, PointTable
 
 folder = Path(tempfile.mkdtemp())
 SD, LAG = 0.02, 1.0  # mm, of one value; s

@@ -25,7 +25,9 @@ from tests.strangers.studio import (
     motion,
 )
 from twin import files
-from twin.project.config import Config, FrameTable, MarkerTable, PointTable, PressureTable
+from twin.gauge.pressuretable import PressureTable
+from twin.marktables import FrameTable, MarkerTable, PointTable
+from twin.project.config import Config
 from twin.project.toml import dump
 from twin.targets import Array
 from vision import Mark, Video

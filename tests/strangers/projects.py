@@ -158,8 +158,9 @@ def _short(folder: Path) -> None:
     """Targets of a short finger of creeping silicone."""
     from fe import Lattice, Material
     from twin import virtual
+    from twin.marktables import PointTable
     from twin.model.structure import base_case
-    from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
+    from twin.project.config import CalibrateTable, Config, DiagnoseTable, ProjectTable
     from twin.project.targetwriting import write_targets
     from twin.project.toml import dump
 

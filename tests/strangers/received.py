@@ -21,7 +21,8 @@ from tests.strangers.studio import make
 from twin.chain import stage_of
 from twin.commands.check import run_check
 from twin.project import trust
-from twin.project.config import Config, MeasureTable, _dictionary, _inside
+from twin.project.cameratables import MeasureTable
+from twin.project.config import Config, _dictionary, _inside
 from twin.project.folder import Project
 
 LINK = "raw/link"

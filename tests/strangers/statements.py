@@ -12,7 +12,8 @@ import numpy as np
 
 from tests.strangers.planting import Plant, camera_with, every, exchanged, marker, toml
 from tests.strangers.studio import BOARD, FILM_START, TAG, Y
-from twin.project.config import Config, FrameTable
+from twin.marktables import FrameTable
+from twin.project.config import Config
 from twin.targets import Array
 
 

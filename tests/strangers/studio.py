@@ -12,16 +12,10 @@ import cv2
 import numpy as np
 
 from twin import files
-from twin.project.config import (
-    BoardTable,
-    CameraTable,
-    Config,
-    FrameTable,
-    MeasureTable,
-    PointTable,
-    PressureTable,
-    ProjectTable,
-)
+from twin.gauge.pressuretable import PressureTable
+from twin.marktables import FrameTable, PointTable
+from twin.project.cameratables import BoardTable, CameraTable, MeasureTable
+from twin.project.config import Config, ProjectTable
 from twin.project.toml import dump
 from twin.targets import Array
 from vision import Board, Camera, Mark

@@ -19,10 +19,12 @@ from twin.executors.chosen import using
 from twin.executors.local import Serial
 from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
+from twin.formats.importtable import ImportTable
+from twin.marktables import PointTable
 from twin.model.basemodel import base_model
 from twin.model.structure import BuiltIn
 from twin.notebook import OpenedProject
-from twin.project.config import CalibrateTable, Config, ImportTable, ModelTable, PointTable
+from twin.project.config import CalibrateTable, Config, ModelTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump

@@ -17,8 +17,9 @@ from twin.bench import workbench
 from twin.bench.fits import newest_fit, stale
 from twin.commands.check import run_check
 from twin.effects.ownfiles import own_effects
+from twin.marktables import PointTable
 from twin.model.structure import BuiltIn
-from twin.project.config import CalibrateTable, Config, DiagnoseTable, ModelTable, PointTable
+from twin.project.config import CalibrateTable, Config, DiagnoseTable, ModelTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump

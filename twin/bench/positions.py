@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fe.mesh.points import nearest_on_faces
+from twin.marktables import PointTable
 from twin.model.structure import Structure
-from twin.project.config import PointTable
 from twin.project.folder import Project
 from twin.sanity import on_model_side
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position

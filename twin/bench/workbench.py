@@ -112,7 +112,8 @@ class Workbench:
             raise ValueError(f"targets: {fault}")
         known = known_values(project, elasticity.law, own_of)
         targets = replace(targets, known=known, tails=TAILS[project.config.calibrate.loss])
-        bench = Workbench(project, targets, structure, elasticity, remarks, pull_tests(project))
+        tests = pull_tests(project.config.material_tests, project.root)
+        bench = Workbench(project, targets, structure, elasticity, remarks, tests)
         former = newest(project, FitRecord, ("calibrate",)) if bench.tests else None
         fitted = former.material_tests if former else None
         return bench.stretched(STRETCH / BEYOND if fitted is None else fitted.finger_stretch)

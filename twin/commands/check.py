@@ -13,7 +13,8 @@ from twin.gauge.pressurelog import Log
 from twin.inputs.films import OneFilm, films_of
 from twin.inputs.foreign import import_targets, said_of_targets
 from twin.messages import Say
-from twin.project.config import EMBEDDED, CameraTable
+from twin.project.cameratables import CameraTable
+from twin.project.config import EMBEDDED
 from twin.project.folder import Project
 from twin.targets import PointKind, TargetPoint, Targets
 
@@ -40,7 +41,7 @@ def check_project(project: Project, say: Say) -> None:
         raise ValueError(f"missing in {project.root}: {'; '.join(missing)}")
     if own_deck:
         check_finger(project, say)
-    for test in pull_tests(project):
+    for test in pull_tests(project.config.material_tests, project.root):
         for line in (test.sentence, *test.remarks):
             say(line)
     _check_effects(project)

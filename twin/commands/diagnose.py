@@ -55,7 +55,8 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
         record = DiagnosisRecord.of(found, held)
         _write(run, bench, settled, record)
         if settled.explanation is not None:
-            settled.explanation.write(run)
+            run.write(settled.explanation.record)
+            run.write_npz("evidence.npz", settled.explanation.maps)
         for line in (model.extent, *map(_row, found.ranking)):
             run.note(line)
     say(f"Verdict: {found.verdict}")

@@ -44,7 +44,8 @@ def run_explain(project: Project, say: Say, *, name: str) -> dict[str, Any]:
         before, after = (other, now) if own else (now, other)
         mimics = _mimics(project, names)
         made = explained(chosen, before=before, after=after, targets=bench.targets, mimics=mimics)
-        made.write(run)
+        run.write(made.record)
+        run.write_npz("evidence.npz", made.maps)
         found = made.record
         change = f"{found.rms_before_mm:.4f} -> {found.rms_after_mm:.4f}"
         run.summary["headline"] = f"{found.effect}: {change} mm rms"

@@ -11,21 +11,14 @@ from fe.mesh.finger import NAMED_NODES
 from twin import files
 from twin.bodies.kinds import BODIES, BodyTable
 from twin.formats.catalogue import format_of, read_recorded
+from twin.formats.importtable import ImportTable
 from twin.formats.meshgroups import MESHES, deck_of
 from twin.formats.recorded import plain
+from twin.gauge.pressuretable import PressureTable
+from twin.marktables import FrameTable, MarkerTable, PointTable
 from twin.messages import Say
-from twin.project.config import (
-    BoardTable,
-    CalibrateTable,
-    CameraTable,
-    Config,
-    FrameTable,
-    ImportTable,
-    MarkerTable,
-    PointTable,
-    PressureTable,
-    ProjectTable,
-)
+from twin.project.cameratables import BoardTable, CameraTable
+from twin.project.config import CalibrateTable, Config, ProjectTable
 from twin.project.folder import Project, named_after
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump, write

@@ -35,7 +35,7 @@ def run_look(project: Project, say: Say, *, at: Sequence[str] = ()) -> dict[str,
         say(sentence)
     for place in places_of(project, structure).values():
         say(place.sentence)
-    for test in pull_tests(project):
+    for test in pull_tests(project.config.material_tests, project.root):
         say(test.sentence)
     done = project.done("look", **how)
     if done is not None and (done / "look.rrd").is_file():

@@ -16,7 +16,6 @@ from twin.gauge.agreement import check_agrees
 from twin.gauge.clockfit import check_clock
 from twin.gauge.pressurelog import GaugeNoise, Log
 from twin.gauge.synchrony import Join, Motion
-from twin.gauge.ways import joining_of
 from twin.inputs.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.films import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
 from twin.inputs.filmtargets import make_targets, read_late, said_of_readout
@@ -31,6 +30,7 @@ from twin.inputs.recordings import (
     stated_of,
     views_of,
 )
+from twin.inputs.synchronisation import joining_of
 from twin.messages import Say
 from twin.project.folder import Project, Run
 from twin.project.record import SourceFilm, SourceRecord

@@ -8,7 +8,7 @@ from twin.drawing.canvas import Paper, text_width, without_letters
 from twin.inputs.cameras import dictionary_files, dictionary_name
 from twin.inputs.recordings import mark_kind
 from twin.messages import Say
-from twin.project.config import CameraTable
+from twin.project.cameratables import CameraTable
 from twin.project.folder import Project
 
 if TYPE_CHECKING:

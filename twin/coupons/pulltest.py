@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,8 @@ from fe.homogeneous import SLOPES, principal_stretches
 from twin.coupons.exports import ExportColumn, SoughtColumn, read_export
 from twin.coupons.headings import Quantity
 from twin.coupons.plausible import beginning, preload_doubt, stiffness_fault, strain_fault, true_stress_doubt
+from twin.coupons.testtable import MaterialTestTable
 from twin.targets import Array, MaterialCurve
-
-if TYPE_CHECKING:
-    from twin.project.config import MaterialTestTable
-    from twin.project.folder import Project
 
 Rows = NDArray[np.int64]
 POINTS = 20  # of a curve at most: its values stand for more, whose errors are not independent
@@ -29,7 +26,7 @@ class PullTest:
     below 0 in compression; time (k,) s since the pull began, where it is known; rows of the file; what is to
     be said of it."""
 
-    table: "MaterialTestTable"
+    table: MaterialTestTable
     strain: Array
     stress: Array
     time: Array | None
@@ -37,10 +34,11 @@ class PullTest:
     remarks: tuple[str, ...]
 
     @staticmethod
-    def of(project: "Project", table: "MaterialTestTable") -> "PullTest":
-        """That of a table. ValueError where its file is not right, or cannot be what it says."""
+    def of(table: MaterialTestTable, root: Path) -> "PullTest":
+        """The test of a table, whose file lies in the folder `root`. ValueError where that file is not right,
+        or cannot be what the table says."""
         where = f"material_tests.{table.name}: {table.file}"
-        pull, push, time = _columns(project, table)
+        pull, push, time = _columns(root / table.file, table)
         if fault := true_stress_doubt({pull.heading: table.true_strain, push.heading: table.true_stress}):
             raise ValueError(f"{where}: {fault} (true_strain, true_stress of [[material_tests]])")
         strain, stress = _nominal(table, pull, push)
@@ -114,13 +112,14 @@ class PullTest:
         return np.array(rows), tuple(names)
 
 
-def pull_tests(project: "Project") -> tuple[PullTest, ...]:
-    """The tests of the silicone that a project states. ValueError where one is not right."""
-    return tuple(PullTest.of(project, table) for table in project.config.material_tests)
+def pull_tests(tables: Sequence[MaterialTestTable], root: Path) -> tuple[PullTest, ...]:
+    """The tests of the silicone in these tables, whose files lie in the folder `root`. ValueError where a
+    file is not right."""
+    return tuple(PullTest.of(table, root) for table in tables)
 
 
 def _columns(
-    project: "Project", table: "MaterialTestTable"
+    path: Path, table: MaterialTestTable
 ) -> tuple[ExportColumn, ExportColumn, ExportColumn | None]:
     """The columns of strain, stress and time."""
     clock = SoughtColumn(("time",), "time", table.time)
@@ -130,7 +129,6 @@ def _columns(
         _sought(table, pulled, table.strain_unit, "strain_unit"),
         _sought(table, pushed, table.stress_unit, "stress_unit"),
     ]
-    path = project.path(table.file)
     if table.time is not None:
         pull, push, time = read_export(path, [*wanted, clock])
     else:
@@ -141,7 +139,7 @@ def _columns(
 
 
 def _sought(
-    table: "MaterialTestTable", some: tuple[Quantity, ...], unit: str | None, unit_key: str
+    table: MaterialTestTable, some: tuple[Quantity, ...], unit: str | None, unit_key: str
 ) -> SoughtColumn:
     """The column of one of some quantities: that which the table names, if any."""
     headings: dict[Quantity, str | None] = {
@@ -152,7 +150,7 @@ def _sought(
     return SoughtColumn(named, named[0], headings[named[0]], unit, unit_key)
 
 
-def _nominal(table: "MaterialTestTable", pull: ExportColumn, push: ExportColumn) -> tuple[Array, Array]:
+def _nominal(table: MaterialTestTable, pull: ExportColumn, push: ExportColumn) -> tuple[Array, Array]:
     """Nominal strain (k,) and nominal stress (k,) MPa."""
     strain, stress = pull.values, push.values
     if pull.quantity == "displacement":

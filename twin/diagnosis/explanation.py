@@ -20,7 +20,6 @@ from twin.judging.intervals import estimates
 from twin.judging.judged import Judged
 from twin.judging.record import Estimate
 from twin.judging.whitening import Whitener
-from twin.project.folder import Run
 from twin.records import Maybe, Record
 from twin.targets import Array, Targets
 
@@ -91,11 +90,10 @@ class Explanation:
     signature: Array
     left: Array
 
-    def write(self, run: Run) -> None:
-        """Write evidence.json, and the maps in evidence.npz."""
-        run.write(self.record)
-        arrays = {"residual": self.residual, "signature": self.signature, "left": self.left}
-        run.write_npz("evidence.npz", arrays)
+    @property
+    def maps(self) -> dict[str, Array]:
+        """The maps (s, p, 3) mm by their names in evidence.npz."""
+        return {"residual": self.residual, "signature": self.signature, "left": self.left}
 
 
 def explained(

@@ -2,6 +2,6 @@
 
 Begin with `recorded`: what every format gives. `deeplabcut`, `anipose`, `dice`, `matchid`, `motioncapture`
 and `plainpoints` read one format each, and `catalogue` lists them. `supplied` is what [import] of twin.toml
-states where a file does not say it, and `conversion` makes targets of it all. `meshgroups` makes a deck of a
-mesh with named groups, or with those that `meshskin` finds.
+(`importtable`) states where a file does not say it, and `conversion` makes targets of it all. `meshgroups`
+makes a deck of a mesh with named groups, or with those that `meshskin` finds.
 """

@@ -6,11 +6,11 @@ from pathlib import Path
 from twin.formats.anipose import read_anipose
 from twin.formats.deeplabcut import read_deeplabcut
 from twin.formats.dice import read_dice
+from twin.formats.importtable import LIKELY
 from twin.formats.matchid import read_matchid
 from twin.formats.motioncapture import read_c3d
 from twin.formats.plainpoints import read_plain
 from twin.formats.recorded import Recorded
-from twin.project.config import LIKELY
 
 FORMATS: dict[str, Callable[[Path, float], Recorded]] = {
     "deeplabcut": read_deeplabcut,

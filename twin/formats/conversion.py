@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.formats.importtable import ImportTable
 from twin.formats.recorded import PIXEL, Recorded, plain
 from twin.formats.supplied import check_stated, mm_per_unit, pressure_of, times_of, turned
 from twin.judging.stillnoise import stated_noise, still_noise
-from twin.project.config import ImportTable, PointTable
+from twin.marktables import PointTable
 from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
 MOST_STEPS = 2000  # as `steps` under [measure] of twin.toml

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from twin.csvtable import read_sheet
+from twin.formats.importtable import ImportTable
 from twin.formats.recorded import PIXEL, Recorded
 from twin.gauge.logcolumns import LogFormat, pressures, time_column
 from twin.gauge.pressurelog import read_log
-from twin.project.config import ImportTable
 from twin.targets import Array
 
 

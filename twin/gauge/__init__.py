@@ -1,8 +1,8 @@
 """The pressure log, and how it is put on the film's clock.
 
 Read `pressurelog` first: the log, and the noise of its gauge. `logcolumns` finds its columns,
-`pressureunits` knows their units, `logfaults` says what is wrong with its samples. `synchrony` says what a
-way to synchronise film and log gives; `ways` has them by their names in twin.toml, `onset` the longest of
-them. `agreement` refuses film and log that are not of one test, `clockfit` those that do not run on one
-clock: `delays` measures how late the finger moves at the pressure's corners.
+`pressureunits` knows their units, `logfaults` says what is wrong with its samples. `pressuretable` is
+[pressure] of twin.toml. `synchrony` says what a way to synchronise film and log gives; `onset` is the
+longest of them. `agreement` refuses film and log that are not of one test, `clockfit` those that do not run
+on one clock: `delays` measures how late the finger moves at the pressure's corners.
 """

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.csvtable import Table, read_sheet
-from twin.project.config import CameraTable
+from twin.project.cameratables import CameraTable
 from twin.project.folder import Project
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it

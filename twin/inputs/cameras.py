@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from twin import files
 from twin.inputs.boardtimes import board_film, stamps_file
 from twin.inputs.camerarecord import CameraRecord, RigRecord, stored_cameras
-from twin.project.config import CameraTable
+from twin.project.cameratables import CameraTable
 from twin.project.folder import Project
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it

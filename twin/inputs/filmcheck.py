@@ -15,7 +15,7 @@ from twin.gauge.synchrony import Motion
 from twin.inputs.cameras import dictionary_name, lens_of
 from twin.inputs.recordings import corrections_of, marks_of
 from twin.messages import Say
-from twin.project.config import CameraTable
+from twin.project.cameratables import CameraTable
 from twin.project.folder import Project
 from twin.targets import Array
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from twin.inputs.recordings import measure_inputs
+from twin.project.cameratables import FilmTable
 from twin.project.chambers import shares_by_surface
-from twin.project.config import FilmTable
 from twin.project.folder import Project
 from twin.project.record import SourceFilm
 from twin.targets import Array, Targets, least_known

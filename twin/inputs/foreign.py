@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from twin.formats.importtable import ImportTable
 from twin.inputs.recordings import recorded
 from twin.messages import Say
-from twin.project.config import ImportTable
 from twin.project.folder import Project
 from twin.targets import Targets
 

@@ -8,10 +8,12 @@ import numpy as np
 from twin.csvtable import Table, read_sheet
 from twin.gauge.logcolumns import LogFormat
 from twin.gauge.pressurelog import Log, read_log
+from twin.gauge.pressuretable import PressureTable
 from twin.gauge.pressureunits import Line
 from twin.inputs.camerarecord import stored_cameras, stored_rig
 from twin.inputs.cameras import camera_table, dictionary_files
-from twin.project.config import CameraTable, MarkTable, MeasureTable, PointTable, PressureTable
+from twin.marktables import MarkTable, PointTable
+from twin.project.cameratables import CameraTable, MeasureTable
 from twin.project.folder import Project
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it

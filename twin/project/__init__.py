@@ -1,9 +1,9 @@
 """A project folder on disk: twin.toml, targets and numbered runs.
 
 Begin with `folder`: a project, its runs, and what each run records of what it was made from; `staleness`
-says what has changed since. `config` has every key of twin.toml, `toml` reads and writes the file.
-`targetschema` has the keys of targets.toml, `chambers` those of several chambers; `targetfiles` (on
-`targetarrays`) reads targets, and `targetwriting` writes them. `record` has what a run and its targets say of
-themselves as JSON. `locks` lets one command write at a time, and `trust` limits what a folder from a
-stranger may do.
+says what has changed since. `config` has every key of twin.toml, `cameratables` those of filming, `toml`
+reads and writes the file. `targetschema` has the keys of targets.toml, `chambers` those of several
+chambers; `targetfiles` (on `targetarrays`) reads targets, and `targetwriting` writes them. `record` has
+what a run and its targets say of themselves as JSON. `locks` lets one command write at a time, and `trust`
+limits what a folder from a stranger may do.
 """

@@ -9,7 +9,7 @@ from twin import files
 from twin.commands.camera import run_camera
 from twin.commands.init import film_config
 from twin.inputs.cameras import board_of
-from twin.project.config import BoardTable, CameraTable
+from twin.project.cameratables import BoardTable, CameraTable
 from twin.project.folder import Project
 from twin.project.toml import dump
 from vision import Camera

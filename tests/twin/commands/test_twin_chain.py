@@ -42,10 +42,11 @@ from twin.effects.library import effect
 from twin.effects.protocol import Test
 from twin.judging.record import Estimate, FitRecord
 from twin.laws.mooneyrivlin import NOMINAL
+from twin.marktables import PointTable
 from twin.model import prediction
 from twin.model.structure import BuiltIn
 from twin.numerals import in_words, interval, value
-from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
+from twin.project.config import CalibrateTable, Config, DiagnoseTable, ProjectTable
 from twin.project.folder import Project, dataset
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump

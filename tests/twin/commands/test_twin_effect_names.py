@@ -24,10 +24,11 @@ from twin.effects.library import all_effects
 from twin.effects.protocol import Effect
 from twin.judging import judged
 from twin.judging.intervals import fit_record
+from twin.marktables import PointTable
 from twin.model import prediction
 from twin.model.basemodel import base_test
 from twin.model.structure import BuiltIn
-from twin.project.config import Config, PointTable
+from twin.project.config import Config
 from twin.project.folder import Project, kind_of
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump, with_key

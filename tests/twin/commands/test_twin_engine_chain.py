@@ -32,10 +32,11 @@ from twin.commands.study import run_study
 from twin.executors.chosen import using
 from twin.executors.local import Processes
 from twin.judging.record import FitRecord
+from twin.marktables import PointTable
 from twin.model import enginejobs
 from twin.model.basemodel import base_test
 from twin.model.structure import BuiltIn, base_case
-from twin.project.config import CalibrateTable, Config, ModelTable, PointTable
+from twin.project.config import CalibrateTable, Config, ModelTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump

@@ -19,8 +19,9 @@ from twin.executors.chosen import using
 from twin.executors.local import Processes, Serial
 from twin.experiments.designs import Variable
 from twin.experiments.maineffects import MainEffects
+from twin.marktables import PointTable
 from twin.model.structure import BuiltIn
-from twin.project.config import Config, ModelTable, PointTable, ProjectTable
+from twin.project.config import Config, ModelTable, ProjectTable
 from twin.project.folder import Project
 from twin.project.toml import dump
 

@@ -15,8 +15,9 @@ from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
 from twin.commands.review import run_review
 from twin.files import read_json
+from twin.marktables import PointTable
 from twin.model.structure import BuiltIn
-from twin.project.config import CalibrateTable, Config, DiagnoseTable, PointTable, ProjectTable
+from twin.project.config import CalibrateTable, Config, DiagnoseTable, ProjectTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump

@@ -18,8 +18,8 @@ from twin.bench.workbench import Workbench, structure_of
 from twin.csvtable import read_sheet
 from twin.drawing.blueprint import cut, cut_across
 from twin.drawing.driftchart import DriftCourse, drift_chart
+from twin.marktables import PointTable
 from twin.model.structure import BuiltIn, base_case
-from twin.project.config import PointTable
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets

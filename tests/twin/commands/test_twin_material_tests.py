@@ -14,9 +14,11 @@ from twin.bench.profiling import sd_of
 from twin.bench.workbench import BEYOND, Workbench
 from twin.commands.calibrate import run_calibrate
 from twin.commands.check import run_check
+from twin.coupons.testtable import MaterialTestTable
 from twin.judging.record import FitRecord, MaterialTestsRow
+from twin.marktables import PointTable
 from twin.model.structure import BuiltIn
-from twin.project.config import CalibrateTable, Config, MaterialTestTable, PointTable, ProjectTable
+from twin.project.config import CalibrateTable, Config, ProjectTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump

@@ -19,7 +19,7 @@ from twin.gauge.pressurelog import Log, check_covers, gauge_noise, read_log
 from twin.gauge.synchrony import Join
 from twin.inputs import filmcheck
 from twin.inputs.filmtargets import make_targets
-from twin.project.config import MeasureTable
+from twin.project.cameratables import MeasureTable
 from twin.project.folder import Project
 from twin.project.toml import dump
 from vision.errors.errorbudget import budget

@@ -19,9 +19,10 @@ from twin.commands.compare import run_compare
 from twin.contract.specimen import COARSE, SMALL
 from twin.laws.catalogue import LAWS
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
+from twin.marktables import PointTable
 from twin.model import loadpaths
 from twin.model.structure import BuiltIn, base_case, of_deck
-from twin.project.config import CalibrateTable, Config, ModelTable, PointTable
+from twin.project.config import CalibrateTable, Config, ModelTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump

@@ -9,7 +9,9 @@ import pytest
 from twin import files
 from twin.commands.init import film_config
 from twin.commands.print import RULER, Item, layout, run_print
-from twin.project.config import BoardTable, PointTable, ProjectTable
+from twin.marktables import PointTable
+from twin.project.cameratables import BoardTable
+from twin.project.config import ProjectTable
 from twin.project.folder import Project
 from twin.project.toml import dump
 from vision import Board, locate

@@ -28,7 +28,8 @@ from twin.commands.recalibrateall import recalibrate_all
 from twin.commands.trust import run_trust
 from twin.executors.chosen import using
 from twin.judging.record import FitRecord
-from twin.project.config import Config, PointTable, ProjectTable
+from twin.marktables import PointTable
+from twin.project.config import Config, ProjectTable
 from twin.project.folder import Project, dataset
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump, with_key

@@ -14,17 +14,10 @@ import pytest
 from twin import files
 from twin.commands.camera import run_camera
 from twin.commands.measure import run_measure
-from twin.project.config import (
-    BoardTable,
-    CameraTable,
-    Config,
-    FrameTable,
-    MarkerTable,
-    MeasureTable,
-    PointTable,
-    PressureTable,
-    ProjectTable,
-)
+from twin.gauge.pressuretable import PressureTable
+from twin.marktables import FrameTable, MarkerTable, PointTable
+from twin.project.cameratables import BoardTable, CameraTable, MeasureTable
+from twin.project.config import Config, ProjectTable
 from twin.project.folder import Project
 from twin.project.toml import dump, parse
 from vision import Board, Camera, Mark

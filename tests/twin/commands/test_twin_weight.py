@@ -19,6 +19,7 @@ from twin.commands.compare import run_compare
 from twin.gravity import G, ways
 from twin.laws.law import Shape
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, mooney_rivlin
+from twin.marktables import PointTable
 from twin.messages import Say
 from twin.model import discretisation as mesh_error
 from twin.model import loadpaths
@@ -27,7 +28,7 @@ from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import SolvedAt, discretisation_error
 from twin.model.loadpaths import Turned, sheets
 from twin.model.structure import BuiltIn, of_finger, weighed
-from twin.project.config import CalibrateTable, Config, ModelTable, PointTable, ProjectTable
+from twin.project.config import CalibrateTable, Config, ModelTable, ProjectTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 from twin.project.toml import dump

@@ -11,7 +11,6 @@ import pytest
 from fe import Material
 from fe.homogeneous import nominal_stress
 from twin.coupons.pulltest import POINTS, PullTest, loading_branches, pull_tests
-from twin.project.folder import Project
 from twin.project.toml import dump, parse
 from twin.targets import Array, MaterialCurve
 
@@ -38,7 +37,7 @@ def read(tmp_path: Path) -> Read:
         toml = POINT.format("tip", 1) + POINT.format("middle", 2) + "[[material_tests]]\n" + "\n".join(lines)
         (tmp_path / "raw").mkdir(exist_ok=True)
         (tmp_path / "raw/pull.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
-        return pull_tests(Project(tmp_path, parse(toml.encode(), name="twin.toml")))[0]
+        return pull_tests(parse(toml.encode(), name="twin.toml").material_tests, tmp_path)[0]
 
     return made
 

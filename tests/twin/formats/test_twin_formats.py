@@ -14,9 +14,10 @@ from twin.commands.init import run_init
 from twin.diagnosis.procedure import _refusal
 from twin.formats.catalogue import FORMATS, format_of, read_recorded
 from twin.formats.conversion import MOST_STEPS, NO_COURSE, targets_of
+from twin.formats.importtable import ImportTable
 from twin.formats.recorded import Recorded
 from twin.formats.supplied import still_wanted, turned
-from twin.project.config import ImportTable, PointTable
+from twin.marktables import PointTable
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets

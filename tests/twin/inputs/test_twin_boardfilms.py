@@ -10,7 +10,7 @@ from twin.commands.camera import run_camera
 from twin.commands.init import film_config
 from twin.inputs.boardtimes import board_film, board_times
 from twin.inputs.cameras import camera_inputs
-from twin.project.config import BoardTable, CameraTable
+from twin.project.cameratables import BoardTable, CameraTable
 from twin.project.folder import Project
 from twin.project.toml import dump
 

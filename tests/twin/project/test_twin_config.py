@@ -11,9 +11,11 @@ import pytest
 
 from twin.bodies.kinds import BODIES
 from twin.commands.init import film_config
+from twin.marktables import PointTable
 from twin.project import config as config_module
 from twin.project import toml
-from twin.project.config import BoardTable, Config, PointTable, StudyTable, TableModel
+from twin.project.cameratables import BoardTable
+from twin.project.config import Config, StudyTable, TableModel
 from twin.project.folder import Project, dataset
 from twin.project.toml import dump, parse, with_effects
 from vision import Board

@@ -11,7 +11,8 @@ from twin.batches.former import former_of
 from twin.bench.effectlaws import named_effect
 from twin.bench.workbench import own_of
 from twin.project import trust
-from twin.project.config import CameraTable, Config
+from twin.project.cameratables import CameraTable
+from twin.project.config import Config
 from twin.project.folder import Project
 from twin.project.staleness import changes
 from vision.film.series import TIMES

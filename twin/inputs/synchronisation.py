@@ -9,8 +9,9 @@ import numpy as np
 
 from twin.gauge.onset import ByOnset
 from twin.gauge.pressurelog import Log
+from twin.gauge.pressuretable import PressureTable
 from twin.gauge.synchrony import Join, Joining, Motion
-from twin.project.config import CameraTable, PressureTable
+from twin.project.cameratables import CameraTable
 
 if TYPE_CHECKING:
     from vision import Video

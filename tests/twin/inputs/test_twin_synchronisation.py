@@ -11,9 +11,9 @@ from twin.commands.init import film_config
 from twin.commands.measure import _even
 from twin.gauge.onset import ByOnset, onset_join
 from twin.gauge.pressurelog import Log, read_log
+from twin.gauge.pressuretable import PressureTable
 from twin.gauge.synchrony import Join, Motion
-from twin.gauge.ways import WAYS, ByLamp, ByStamps, joining_of, lamp_join
-from twin.project.config import PressureTable
+from twin.inputs.synchronisation import WAYS, ByLamp, ByStamps, joining_of, lamp_join
 from twin.project.toml import dump, parse
 from vision import Video
 from vision.film.flash import flash_onset
