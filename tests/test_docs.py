@@ -24,7 +24,7 @@ from twin.project.config import Config
 from twin.project.targetfiles import read_targets
 from twin.project.toml import parse
 from twin.tablemodel import keys_of
-from vision.errors.errorbudget import SOURCES
+from vision.errors.errormodel import SOURCES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(

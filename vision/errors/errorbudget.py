@@ -7,27 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array
-
-# Source of an error, and what makes it smaller.
-SOURCES = {
-    "static": "more light, larger or sharper markers, more pixels per mm",
-    "jitter": "camera and frame markers on one stiff support, steady light",
-    "homography": "more frame markers, and none of them hidden",
-    "blur": "shorter exposure, sharper focus, no glare or shadow",
-    "codec": "a lossless or high-rate recording",
-    "by_hand": "fewer places clicked by hand, or clicked more exactly (sd_px)",
-    "reference": "a longer rest before the test",
-    "frame": "frame markers measured or printed more exactly (frame_sd_mm)",
-    "scale": "a more exact length between the frame markers (scale_sd)",
-    "calibration": "more board pictures, in more tilts, all over the picture",
-    "out_of_plane": "a longer lens from farther away, or a second camera",
-    "height": "the markers' distances from the plane measured",
-    "placement": "markers placed with a jig, or their places measured (placement_sd_mm)",
-    "node": "points measured where they are on the finger (node_sd_mm)",
-    "sync": "one clock, or a flash in the film",
-    "readout": "a camera with a global shutter, or a mode that reads faster (readout_ms)",
-    "camera_clock": "one trigger for all cameras",
-}
+from vision.errors.errormodel import SOURCES
 
 
 @dataclass(frozen=True)

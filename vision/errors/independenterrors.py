@@ -59,12 +59,11 @@ def _px2_per_mm2(plane: Plane) -> float:
 
 
 def independent(
-    rest: Rest, plane: Plane, place: Array, worse: Array, frame: list[int], points: list[int], codec: Array
+    rest: Rest, plane: Plane, place: Array, worse: Array, frame: list[int], points: list[int]
 ) -> dict[str, Array]:
-    """Variance (s,p,3) mm2 of every place by its source; y is NaN.
+    """Variance (s,p,3) mm2 of every place by its source, without coding; y is NaN.
 
     place: (s,p,2) mm.   worse: (s,m) from `misfit`, rows frame and points of it.
-    codec: (s,p,3) mm, the codec's sd.
 
     The static noise holds the homography's as it was at rest; what that is more or less now, where the mark
     is and with the frame marks that are seen, is a part of its own.
@@ -80,7 +79,6 @@ def independent(
         "jitter": np.broadcast_to(rest.common, now.shape),
         "homography": np.maximum(now - rest.homography, own - static),
         "blur": (worse[:, points, None] - 1.0) * own,
-        "codec": codec[..., [0, 2]] ** 2,
     }
     return {source: with_y(np.asarray(part)) for source, part in parts.items()}
 

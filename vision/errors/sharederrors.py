@@ -57,15 +57,15 @@ def placement(value: Array, marks: Sequence[Mark], turns: Array, sd: float) -> N
     return modes
 
 
-def node(value: Array, points: Array, marks: Sequence[Mark], turns: Array, sd: float) -> Named:
+def node(value: Array, marks: Sequence[Mark], turns: Array, sd: float) -> Named:
     """Material points that are not the model's by sd mm: u errs by (du/dx) d along the finger, (R - 1) d
     across it.
 
     du/dx is the chord between the neighbouring finger marks, stretch included; without one, the turn's.
-    points: (p,3) mm.   turns: (s,p) rad.
+    turns: (s,p) rad.
     """
     modes: dict[str, Array] = {}
-    finger = _finger(marks)
+    points, finger = np.array([mark.position for mark in marks]), _finger(marks)
     for p in finger:
         along, across = _turned(turns[:, p])
         a, b = _beside(points, finger, p)
@@ -85,18 +85,23 @@ def _beside(points: Array, finger: Sequence[int], p: int) -> tuple[int, int]:
     return before, min((q for q in level if apart[q][0] > 0), key=lambda q: apart[q][0], default=p)
 
 
-def reference_mode(value: Array, marks: Sequence[Mark], sd: Array, shared: Array) -> Named:
-    """The reference's own error, subtracted from every step: sd (p,3) mm of its mean, and what all marks
-    share, sd (3,) mm."""
-    modes: dict[str, Array] = {
-        f"reference:shared:{component + 1}": np.broadcast_to(shared * np.eye(3)[component], value.shape)
-        for component in (0, 2)
-    }
+def reference_mode(value: Array, marks: Sequence[Mark], sd: Array, shared: Array | None = None) -> Named:
+    """Errors of the reference, which is subtracted from every step.
+
+    sd: (p,3) mm of each mark's mean place; 0 in y, which one camera does not observe.   shared: (3,) mm, of
+    what is alike in all marks, None where it is not told apart.
+    """
+    axes = [component for component in range(3) if shared is None or component != 1]
+    modes: dict[str, Array] = {}
+    for component in axes if shared is not None else ():
+        modes[f"reference:shared:{component + 1}"] = np.broadcast_to(
+            shared * np.eye(3)[component], value.shape
+        )
     for p, mark in enumerate(marks):
-        for component in (0, 2):
-            field = np.zeros((len(value), 2))
-            field[:, component // 2] = sd[p, component]
-            _add(modes, f"reference:{mark.name}:{component + 1}", value, p, field)
+        for component in axes:
+            mode = np.zeros(value.shape)
+            mode[:, p, component] = sd[p, component]
+            modes[f"reference:{mark.name}:{component + 1}"] = mode
     return modes
 
 

@@ -1,7 +1,7 @@
 """The noise model in mm: what scatters in the static film, and what patches do in the film."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,6 +125,17 @@ def _correlation(error: Array, known: NDArray[np.bool_]) -> Array:
     rows = np.flatnonzero((known[:, None] & [True, error.shape[2] == 3, True]).ravel())
     full[np.ix_(rows, rows)] = np.corrcoef(error.reshape(len(error), -1), rowvar=False)
     return full
+
+
+def while_moving(extra: Array, moves: NDArray[np.bool_]) -> Array:
+    """Rms (p,3) of the codec's sd (s,p,3) over the frames in which a point moves, 0 if it never does."""
+    chosen = moves[..., None]
+    return np.sqrt(np.sum(extra**2 * chosen, axis=0) / np.maximum(chosen.sum(axis=0), 1))
+
+
+def thinned_noise(noise: NoiseModel, frames: int, steps: int) -> NoiseModel:
+    """The noise model with the correlation from step to step where not every frame is a step."""
+    return noise if steps == frames else replace(noise, rho=noise.rho ** (frames / steps))
 
 
 def states(ideal: Array) -> NDArray[np.int8]:

@@ -42,8 +42,9 @@ def sides(linear: Array) -> Array:
     return np.sqrt(np.abs(linear[..., 0, 0] * linear[..., 1, 1] - linear[..., 0, 1] * linear[..., 1, 0]))
 
 
-def finger_turns(value: Array, rotation: Array, points: Array, marks: Sequence[Mark]) -> Array:
+def finger_turns(value: Array, rotation: Array, marks: Sequence[Mark]) -> Array:
     """Rotation (s,p) rad of the finger where each mark sits; a dot takes the chord between its neighbours."""
+    points = np.array([mark.position for mark in marks])
     finger = sorted((p for p, mark in enumerate(marks) if mark.role == "finger"), key=lambda p: points[p, 0])
     turned = np.where(np.isfinite(value[:, :, 0]), rotation, 0.0)
     for i, p in enumerate(finger):

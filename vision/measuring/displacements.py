@@ -11,8 +11,9 @@ from vision.camera import Array
 from vision.doubts.framemarks import frame_fit, without_odd
 from vision.doubts.slips import find_slips
 from vision.errors.errorbudget import Budget, budget
+from vision.errors.errormodel import Placed
 from vision.errors.sharederrors import Stated, stacked
-from vision.errors.staticnoise import NoiseModel, hidden_in_static
+from vision.errors.staticnoise import NoiseModel, hidden_in_static, thinned_noise
 from vision.film.checkpoint import Keeper, Progress
 from vision.following.markrotations import mean_seen
 from vision.following.tracks import Method, Tracks
@@ -20,7 +21,6 @@ from vision.marks import Mark, check_names, rows_of
 from vision.measuring.face import Face, with_face
 from vision.measuring.strains import StrainField, strain_field
 from vision.placing.multicamera import in_space
-from vision.placing.placed import Placed, thinned_noise
 from vision.placing.singlecamera import MAX_DEPTH_MM, in_plane
 from vision.placing.views import How, Seen, View, check_static, look, steps_of
 from vision.plane import MIN_VISIBLE
@@ -46,9 +46,7 @@ class Displacements:
     value: Array  # (s,p,3) mm
     covariance: Array  # (s,p,3,3) mm2, independent part: static noise, homography, blur, codec
     modes: Array  # (k,s,p,3) mm, errors shared by many values, 1 sd each
-    mode_names: tuple[
-        str, ...
-    ]  # (k,) as in `sharederrors`: scale, placement:<name>:x|z, frame:<k>, ...
+    mode_names: tuple[str, ...]  # (k,) as in `sharederrors`: scale, placement:<name>:x|z, frame:<k>, ...
     noise: NoiseModel
     reference: NDArray[np.intp]  # (r,) steps of the reference
     tracks: Tracks  # of the first camera, in all t frames

@@ -4,5 +4,5 @@ Read `views` first: what each camera recorded, and what was followed in it. `cam
 lens stayed as it was. `singlecamera` places marks with one camera, in the plane of the frame marks;
 `planeerrors` states what that camera cannot see. `multicamera` places them with several cameras:
 `triangulation` finds the places in space, `clocks` brings the films to common times, `spaceerrors` states the
-errors. Both ways give the record in `placed`.
+errors. Both ways end in `vision.errors.errormodel`, which puts all errors together.
 """

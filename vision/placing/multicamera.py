@@ -13,17 +13,16 @@ from numpy.typing import NDArray
 
 from vision.calibration.rig import Rig
 from vision.camera import Array
-from vision.errors import sharederrors
 from vision.errors.codingvariance import codec_sd
+from vision.errors.errormodel import FrameMisfit, Observed, Placed, with_errors
 from vision.errors.independenterrors import misfit
-from vision.errors.sharederrors import Named, Stated
-from vision.errors.staticnoise import REST, NoiseModel, states, static_noise
+from vision.errors.sharederrors import Stated
+from vision.errors.staticnoise import REST, NoiseModel, states, static_noise, while_moving
 from vision.following.markrotations import finger_turns, linear_maps, mean_seen, rotations
 from vision.following.tracks import Followed
 from vision.marks import Mark, rows_of
 from vision.placing import spaceerrors
 from vision.placing.clocks import Track, joined, lags
-from vision.placing.placed import Placed, while_moving
 from vision.placing.triangulation import Places, Sight, places_of
 from vision.placing.views import Seen
 
@@ -52,38 +51,52 @@ class _Scene:
 def in_space(
     seen: Sequence[Seen], rig: Rig, marks: Sequence[Mark], stated: Stated, steps: NDArray[np.intp]
 ) -> Placed:
-    """Displacements in the frames `steps` of the first film."""
-    scene = _scene(seen, rig, marks, steps)
-    output, value = [marks[p] for p in scene.sight.points], scene.value
-    noise = static_noise(scene.rest.place, [mark.name for mark in output], seen[0].static)
-    rotation = rotations(linear_maps(seen[0].film, seen[0].film.homography(marks)))
-    points = np.array([mark.position for mark in output])
-    turns = finger_turns(value, rotation[steps][:, list(scene.sight.points)], points, output)
-    blur, codec, held = _worse(scene)
-    parts = spaceerrors.variances(noise, scene.rest, scene.places, scene.sight, blur, codec)
-    state, extra = states(seen[0].film.ideal[:, list(scene.sight.points)])[steps], np.sqrt(parts["codec"])
-    noise = replace(noise, codec_sd=while_moving(np.nan_to_num(extra), state != REST))
-    holds, loose, left = sharederrors.codec(extra, state, output)
-    parts["codec"] = loose**2
-    start = _reference_variance(noise, spaceerrors.through(scene.places, scene.sight, held), scene.sight)
-    frame_mm, said = sharederrors.frame_sd(
-        scene.places.misfit,
-        [marks[p].name for p in scene.sight.frame],
-        stated.frame_mm,
-        fitted=6,
-        advice=", or the board's square, which sets the scale",
-    )
-    shared = [*_modes(scene, value, turns, stated, frame_mm, start), holds]
-    return Placed(
+    """Displacements in the frames `steps` of the first film, in all three axes."""
+    return with_errors(_observed(_scene(seen, rig, marks, steps), steps), stated)
+
+
+def _observed(scene: _Scene, steps: NDArray[np.intp]) -> Observed:
+    points, film, value = list(scene.sight.points), scene.seen[0].film, scene.value
+    output = [scene.marks[p] for p in points]
+    noise = static_noise(scene.rest.place, [mark.name for mark in output], scene.seen[0].static)
+    rotation = rotations(linear_maps(film, film.homography(scene.marks)))
+    blur, coding, frozen = _worse(scene)
+    coding_sd = np.sqrt(spaceerrors.through(scene.places, scene.sight, coding))
+    state = states(film.ideal[:, points])[steps]
+    noise = replace(noise, codec_sd=while_moving(np.nan_to_num(coding_sd), state != REST))
+    return Observed(
+        marks=output,
         value=value,
-        noise=noise,
         rest=scene.rest.place,
-        variance=parts,
-        modes=shared,
-        turns=turns,
+        noise=noise,
+        turns=finger_turns(value, rotation[steps][:, points], output),
         rotation=rotation,
-        remarks=said,
-        notes=(*left, *_clock_notes(scene.lag, scene.lag_sd)),
+        state=state,
+        variance=spaceerrors.variances(noise, scene.rest, scene.places, scene.sight, blur),
+        coding_sd=coding_sd,
+        flicker=np.zeros(noise.sd.shape),
+        reference_sd=_reference_sd(
+            noise, spaceerrors.through(scene.places, scene.sight, frozen), scene.sight
+        ),
+        frame=_frame_misfit(scene),
+        modes=[
+            spaceerrors.clock_modes(
+                scene.rig, scene.sight, scene.tracks, scene.when, scene.lag, scene.lag_sd, value
+            ),
+            spaceerrors.calibration(scene.rig, scene.sight, value),
+        ],
+        notes=_clock_notes(scene.lag, scene.lag_sd),
+    )
+
+
+def _frame_misfit(scene: _Scene) -> FrameMisfit:
+    frame = list(scene.sight.frame)
+    return FrameMisfit(
+        residual=scene.places.misfit,
+        names=[scene.marks[p].name for p in frame],
+        fitted=6,
+        modes=lambda sd: spaceerrors.tilt(scene.value, scene.sight.nominal[frame], sd),
+        advice=", or the board's square, which sets the scale",
     )
 
 
@@ -115,23 +128,6 @@ def _scene(seen: Sequence[Seen], rig: Rig, marks: Sequence[Mark], steps: NDArray
     )
 
 
-def _modes(
-    scene: _Scene, value: Array, turns: Array, stated: Stated, frame_mm: float, start: Array
-) -> list[Named]:
-    """Errors shared by many values.   start: (p,3) mm2, variance of the reference."""
-    output = [scene.marks[p] for p in scene.sight.points]
-    nominal, sight = scene.sight.nominal, scene.sight
-    return [
-        sharederrors.scale(value, stated.scale),
-        sharederrors.placement(value, output, turns, stated.placement_mm),
-        sharederrors.node(value, nominal[list(sight.points)], output, turns, stated.node_mm),
-        spaceerrors.tilt(value, nominal[list(sight.frame)], frame_mm),
-        spaceerrors.reference_in_space(value, output, start),
-        spaceerrors.clock_modes(scene.rig, sight, scene.tracks, scene.when, scene.lag, scene.lag_sd, value),
-        spaceerrors.calibration(scene.rig, sight, value),
-    ]
-
-
 def _usual(followed: Followed) -> Array:
     """Usual variance (m,) px2 of a mark's centre in each axis; that of the worst mark for a dot."""
     size = 0.5 * np.trace(followed.covariance, axis1=2, axis2=3)
@@ -151,21 +147,21 @@ def _worse(scene: _Scene) -> tuple[Array, Array, Array]:
     """Variance (c,t,p) px2 that blur and codec add in each camera, and what the codec leaves at rest."""
     points, sight = list(scene.sight.points), scene.sight
     scale = spaceerrors.px_per_mm(scene.places, scene.rig)
-    blur, codec, held = [], [], []
+    blur, coding, frozen = [], [], []
     for c, s in enumerate(scene.seen):
         near, ideal = scene.tracks[c].nearest(scene.when), s.film.ideal[:, points]
         blur.append((misfit(s.film)[near][:, points] - 1.0) * sight.variance[c, points])
         extra = codec_sd(s.codec, ideal, mean_seen(ideal[s.film.reference]))[near][..., [0, 2]]
-        codec.append(0.5 * (extra**2).sum(axis=-1) * scale[c] ** 2)
+        coding.append(0.5 * (extra**2).sum(axis=-1) * scale[c] ** 2)
         ever = (extra > 0).any(axis=(0, 2))  # a mark that never moves keeps its error, so that it cancels
-        held.append(0.5 * (s.codec.rest[[0, 2]] ** 2).sum() * scale[c] ** 2 * ever)
-    return np.array(blur), np.array(codec), np.array(held)
+        frozen.append(0.5 * (s.codec.rest[[0, 2]] ** 2).sum() * scale[c] ** 2 * ever)
+    return np.array(blur), np.array(coding), np.array(frozen)
 
 
-def _reference_variance(noise: NoiseModel, held: Array, sight: Sight) -> Array:
-    """Variance (p,3) mm2 of the reference's mean place."""
+def _reference_sd(noise: NoiseModel, frozen: Array, sight: Sight) -> Array:
+    """Sd (p,3) mm of each mark's mean place in the reference.   frozen: (s,p,3) mm2, coding error at rest."""
     mean = noise.sd**2 * noise.persistence.of_mean(len(sight.reference))
-    return np.asarray(mean + np.nan_to_num(held[sight.reference]).mean(axis=0))
+    return np.asarray(np.sqrt(mean + np.nan_to_num(frozen[sight.reference]).mean(axis=0)))
 
 
 def _clock_notes(lag: Array, sd: Array) -> tuple[str, ...]:

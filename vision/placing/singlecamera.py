@@ -11,15 +11,15 @@ from vision.camera import Array, Camera
 from vision.errors import codingdrift, sharederrors
 from vision.errors.codingdrift import coding_drift, shares
 from vision.errors.codingvariance import Codec, codec_sd
+from vision.errors.errormodel import FrameMisfit, Observed, Placed, with_errors
 from vision.errors.independenterrors import Rest, at_rest, by_hand, independent, misfit
 from vision.errors.sharederrors import Named, Stated
-from vision.errors.staticnoise import REST, NoiseModel, states, static_noise, with_y
+from vision.errors.staticnoise import REST, NoiseModel, states, static_noise, while_moving, with_y
 from vision.following.markrotations import finger_turns, linear_maps, mean_seen, rotations, sides
 from vision.following.tracks import COARSE, Followed, thinned
 from vision.marks import Mark, frame_places, rows_of
 from vision.perspective import Viewpoint, heights, to_own_plane, viewpoint
 from vision.placing import planeerrors
-from vision.placing.placed import Placed, while_moving
 from vision.placing.views import Seen
 from vision.plane import Plane, misplaced, plane_of, to_plane
 
@@ -63,47 +63,48 @@ class _Scene:
 
 
 def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[np.intp]) -> Placed:
-    """Displacements in the frames `steps`.
+    """Displacements in the frames `steps`, in the plane of the frame marks.
 
     Every frame has its own homography from the frame marks, so a shaken tripod does no harm; its noise is
     in the covariance of every place.
     """
     scene = _scene(seen, marks, steps)
+    return with_errors(_observed(seen, scene, stated, steps), stated)
+
+
+def _observed(seen: Seen, scene: _Scene, stated: Stated, steps: NDArray[np.intp]) -> Observed:
     place = to_plane(scene.quiet.homography, seen.still.ideal[:, scene.points])
     noise = static_noise(place, [mark.name for mark in scene.output], seen.static, _quiet_keys(seen))
-    extra = _codec(seen, scene)
-    state = states(seen.film.ideal[:, scene.points])
-    noise = replace(noise, codec_sd=while_moving(extra, state != REST))
-    extra, rest = extra[steps], at_rest(noise, scene.quiet, place)
-    holds, loose, unshared = sharederrors.codec(extra, state[steps], scene.output, seen.codec.shared)
-    keyed, flicker, unkeyed = _keyed(seen, scene, place, rest, steps)
-    loose = np.where(loose > 0.0, loose, np.sqrt(flicker * with_y(shares(rest))))
-    start = _reference_sd(noise, seen.codec, len(scene.film.reference))
-    linear = linear_maps(seen.film, seen.film.homography(marks))
+    ideal = seen.film.ideal[:, scene.points]
+    state, coding_sd = states(ideal), codec_sd(seen.codec, ideal, mean_seen(ideal[seen.film.reference]))
+    noise = replace(noise, codec_sd=while_moving(coding_sd, state != REST))
+    rest = at_rest(noise, scene.quiet, place)
+    drift, flicker, unmodelled = _coding_drift(seen, scene, place, rest, steps)
+    reference_sd, reference_shared = _reference_sd(noise, seen.codec, len(scene.film.reference))
+    linear = linear_maps(seen.film, seen.film.homography(scene.marks))
     rotation = rotations(linear)
-    nominal = np.array([mark.position for mark in scene.output])
-    turns = finger_turns(scene.value, rotation[steps][:, scene.points], nominal, scene.output)
-    frame_mm, said = _frame_sd(scene, rest, stated)
-    worse = misfit(seen.film)[steps]
-    return Placed(
+    return Observed(
+        marks=scene.output,
         value=scene.value,
-        noise=noise,
         rest=place,
-        variance=by_hand(
-            independent(rest, scene.plane, scene.place, worse, scene.frame, scene.points, loose),
-            scene.film,
-            scene.plane,
-            scene.points,
-        ),
-        modes=[*_modes(scene, turns, stated, frame_mm, start), _redrawn(seen, scene), holds, keyed],
-        turns=turns,
+        noise=noise,
+        turns=finger_turns(scene.value, rotation[steps][:, scene.points], scene.output),
         rotation=rotation,
+        state=state[steps],
+        variance=_variance(scene, rest, misfit(seen.film)[steps]),
+        coding_sd=coding_sd[steps],
+        flicker=flicker * with_y(shares(rest)),
+        shaken_shared=seen.codec.shared,
+        coding_drift=drift,
+        reference_sd=reference_sd,
+        reference_shared=reference_shared,
+        frame=_frame_misfit(scene, rest),
+        modes=[*_modes(scene, stated), _redrawn(seen, scene)],
         remarks=(
-            *said,
-            *planeerrors.extrapolated(scene.camera, seen.film.ideal, [mark.name for mark in marks]),
-            *_grown(scene, linear[steps], extra / noise.sd, stated),
+            *planeerrors.extrapolated(scene.camera, seen.film.ideal, [mark.name for mark in scene.marks]),
+            *_grown(scene, linear[steps], coding_sd[steps] / noise.sd, stated),
         ),
-        notes=(*unshared, *unkeyed, *_corrected(scene)),
+        notes=(*unmodelled, *_corrected(scene)),
     )
 
 
@@ -128,10 +129,10 @@ def _scene(seen: Seen, marks: Sequence[Mark], steps: NDArray[np.intp]) -> _Scene
     )
 
 
-def _codec(seen: Seen, scene: _Scene) -> Array:
-    """Sd (t,p,3) mm that the codec adds in every frame."""
-    ideal = seen.film.ideal[:, scene.points]
-    return codec_sd(seen.codec, ideal, mean_seen(ideal[seen.film.reference]))
+def _variance(scene: _Scene, rest: Rest, worse: Array) -> dict[str, Array]:
+    """Variance (s,p,3) mm2 by source, without coding.   worse: (s,m) from `misfit`."""
+    parts = independent(rest, scene.plane, scene.place, worse, scene.frame, scene.points)
+    return by_hand(parts, scene.film, scene.plane, scene.points)
 
 
 def _redrawn(seen: Seen, scene: _Scene) -> Named:
@@ -140,7 +141,7 @@ def _redrawn(seen: Seen, scene: _Scene) -> Named:
     return sharederrors.redrawn(scene.value, film.ideal[:, scene.points], film.reference, scene.output, coded)
 
 
-def _keyed(
+def _coding_drift(
     seen: Seen, scene: _Scene, place: Array, rest: Rest, steps: NDArray[np.intp]
 ) -> tuple[Named, float, tuple[str, ...]]:
     """Errors that stay in marks at rest until coding draws them anew, mm2 that are new in every frame, and a
@@ -165,8 +166,8 @@ def _keyed(
         )
     still = np.asarray(~(np.nan_to_num(rest.noise.codec_sd) > 0).any(axis=1))
     reference = scene.film.reference
-    modes = codingdrift.key_modes(error, steps, reference, scene.output, still, scene.plane, scene.place)
-    return modes, error.flicker, ()
+    drift = codingdrift.key_modes(error, steps, reference, scene.output, still, scene.plane, scene.place)
+    return drift, error.flicker, ()
 
 
 def _quiet_keys(seen: Seen) -> list[slice]:
@@ -175,18 +176,10 @@ def _quiet_keys(seen: Seen) -> list[slice]:
     return parts if codingdrift.rare(parts) else [slice(0, count)]
 
 
-def _modes(
-    scene: _Scene, turns: Array, stated: Stated, frame_mm: float, start: tuple[Array, Array]
-) -> list[Named]:
-    """Errors shared by many values.   start: of the reference, from `_reference_sd`."""
+def _modes(scene: _Scene, stated: Stated) -> list[Named]:
+    """Errors of what one camera does not see: heights, motion towards it, its own calibration."""
     value, output, film, view = scene.value, scene.output, scene.film, scene.view
-    nominal = np.array([mark.position for mark in output])
     return [
-        sharederrors.scale(value, stated.scale),
-        sharederrors.placement(value, output, turns, stated.placement_mm),
-        sharederrors.node(value, nominal, output, turns, stated.node_mm),
-        sharederrors.frame(misplaced(scene.plane, scene.place), film.reference, frame_mm),
-        sharederrors.reference_mode(value, output, *start),
         planeerrors.height_modes(value, output, view, sd_mm=stated.height_mm),
         planeerrors.out_of_plane_modes(value, scene.own_place, output, view, sd_mm=stated.out_of_plane_mm),
         planeerrors.calibration_modes(
@@ -202,13 +195,13 @@ def _modes(
     ]
 
 
-def _frame_sd(scene: _Scene, rest: Rest, stated: Stated) -> tuple[float, tuple[str, ...]]:
+def _frame_misfit(scene: _Scene, rest: Rest) -> FrameMisfit:
     reference = scene.film.reference
-    return sharederrors.frame_sd(
-        mean_seen(scene.plane.residual[reference]),
-        [scene.marks[p].name for p in scene.frame],
-        stated.frame_mm,
+    return FrameMisfit(
+        residual=mean_seen(scene.plane.residual[reference]),
+        names=[scene.marks[p].name for p in scene.frame],
         fitted=8,
+        modes=lambda sd: sharederrors.frame(misplaced(scene.plane, scene.place), reference, sd),
         noise=rest.frame_variance / len(reference),
     )
 

@@ -10,7 +10,6 @@ from vision.camera import Array
 from vision.errors.sharederrors import Named
 from vision.errors.staticnoise import NoiseModel
 from vision.following.markrotations import mean_seen
-from vision.marks import Mark
 from vision.placing.clocks import Track, joined
 from vision.placing.planeerrors import principal, uncorrelated
 from vision.placing.triangulation import Places, Sight, places_of
@@ -21,13 +20,11 @@ def displacement(places: Places, reference: NDArray[np.intp]) -> Array:
     return np.asarray(places.place - mean_seen(places.place[reference]))
 
 
-def variances(
-    noise: NoiseModel, rest: Places, now: Places, sight: Sight, blur: Array, codec: Array
-) -> dict[str, Array]:
-    """Variance (t,p,3) mm2 of every place by its source.
+def variances(noise: NoiseModel, rest: Places, now: Places, sight: Sight, blur: Array) -> dict[str, Array]:
+    """Variance (t,p,3) mm2 of every place by its source, without coding.
 
     rest: of the static film, whose noise it is; it grows as the rays' geometry says.
-    blur, codec: (c,t,p) px2 more than the usual variance of a centre in each camera.
+    blur: (c,t,p) px2 more than the usual variance of a centre in each camera.
     """
     usual = np.nanmean(np.diagonal(rest.spread, axis1=2, axis2=3), axis=0)
     grown = np.diagonal(now.spread, axis1=2, axis2=3) / usual
@@ -35,7 +32,6 @@ def variances(
         "static": np.maximum(noise.sd**2 - noise.common_sd**2, 0.0) * grown,
         "jitter": np.minimum(noise.common_sd, noise.sd) ** 2 * grown,
         "blur": through(now, sight, blur),
-        "codec": through(now, sight, codec),
     }
     return {source: np.asarray(part) for source, part in parts.items()}
 
@@ -69,17 +65,6 @@ def tilt(value: Array, nominal: Array, sd: float) -> Named:
     power, axes = np.linalg.eigh((x**2).sum() * np.eye(3) - x.T @ x)
     turns = (axes * sd / np.sqrt(power)).T
     return {f"frame:{k + 1}": np.cross(turn, value) for k, turn in enumerate(turns)}
-
-
-def reference_in_space(value: Array, marks: Sequence[Mark], variance: Array) -> Named:
-    """The reference's own error, subtracted from every step: variance (p,3) mm2 of its mean."""
-    modes = {}
-    for p, mark in enumerate(marks):
-        for component in range(3):
-            mode = np.zeros(value.shape)
-            mode[:, p, component] = np.sqrt(variance[p, component])
-            modes[f"reference:{mark.name}:{component + 1}"] = mode
-    return modes
 
 
 def clock_modes(

@@ -513,7 +513,7 @@ def a_tenth_of_a_marks_noise_is_its_own_at_least() -> bool:
     )
     rest = Rest(model, 0.0, 0.0, np.ones((1, 2)), np.zeros(2))
     worse, place = np.full((1, 7), 2.0), np.full((1, 1, 2), 10.0)
-    parts = independenterrors.independent(rest, flat, place, worse, list(range(6)), [6], np.zeros((1, 1, 3)))
+    parts = independenterrors.independent(rest, flat, place, worse, list(range(6)), [6])
     return 0.07 < parts["blur"][0, 0, 0] < 0.14
 
 
