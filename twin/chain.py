@@ -1,4 +1,4 @@
-"""The commands of `twin`, once: the command line, the demo, `check`, `list`, the review, README and CI read
+"""The commands of `twin`, once: command line, notebook, demo, `check`, `list`, review, README and CI read
 this list. `python -m twin.chain` prints the names."""
 
 from collections.abc import Callable
@@ -10,6 +10,8 @@ from typing import Any
 TARGETS = "targets/"  # the folder that the stages after `measure` start from
 DECK = "deck"  # the files of the user's own mesh
 FIT = "fit.json"
+MODEL = ("[model]", "[points]", "[calibrate]", "[material_tests]", TARGETS, DECK)  # what a model is made from
+FITTED = (*MODEL, FIT)  # what a calibrated model is made from
 
 
 class Needs(Enum):
@@ -19,6 +21,17 @@ class Needs(Enum):
     ROOT = "the path of --project"
     PROJECT = "the project"
     LOCK = "the project, which no other command may write to meanwhile"
+
+
+class Group(Enum):
+    """The purpose of a command: the headings of `twin --help` and of the table in README."""
+
+    SET_UP = "Set up a project, and keep track of it"
+    MEASURE = "Measure"
+    CALIBRATE = "Calibrate, and say how sure it is"
+    MISSING = "Find what the model lacks"
+    USE = "Use the calibrated model"
+    BATCHES = "Many batches"
 
 
 class When(Enum):
@@ -36,8 +49,10 @@ class Command:
     name: str
     title: str  # what it does, one sentence
     function: str  # "module:function", imported when it runs: the list is cheap
+    group: Group
     needs: Needs = Needs.LOCK
     solves: bool = False  # it solves many models, which a cluster may do
+    alone: str = ""  # the argument with which it needs no project
 
     def run(self, of: Any, say: Any, **options: Any) -> dict[str, Any]:
         """What --json prints, once the command has run; `of` is what it needs, `options` are its own."""
@@ -63,155 +78,157 @@ class Stage(Command):
 COMMANDS = (
     Command(
         name="demo", title="Run all stages on a recorded demo.",
-        function="twin.commands.demo:run_demo", needs=Needs.FOLDER, solves=True,
+        group=Group.SET_UP, function="twin.commands.demo:run_demo", needs=Needs.FOLDER, solves=True,
     ),
     Command(
         name="init", title="Make a project folder with a commented twin.toml.",
-        function="twin.commands.init:run_init", needs=Needs.FOLDER,
+        group=Group.SET_UP, function="twin.commands.init:run_init", needs=Needs.FOLDER,
     ),
     Command(
         name="virtual", title="Make a project of a virtual experiment, its truth sealed.",
-        function="twin.commands.virtual:run_virtual", needs=Needs.FOLDER,
+        group=Group.SET_UP, function="twin.commands.virtual:run_virtual", needs=Needs.FOLDER,
     ),
     Command(
         name="look", title="Draw the finger: dimensions, points, nodes, element shapes.",
-        function="twin.commands.look:run_look",
+        group=Group.SET_UP, function="twin.commands.look:run_look",
     ),
     Command(
         name="print", title="Write board and markers as a PDF at true scale.",
-        function="twin.commands.print:run_print",
+        group=Group.SET_UP, function="twin.commands.print:run_print",
     ),
     Command(
         name="check", title="Check twin.toml and its files, and name the next command.",
-        function="twin.commands.check:run_check", needs=Needs.PROJECT,
+        group=Group.SET_UP, function="twin.commands.check:run_check", needs=Needs.PROJECT,
     ),
     Command(
         name="pick", title="Number features that can be followed without markers.",
-        function="twin.commands.pick:run_pick",
+        group=Group.SET_UP, function="twin.commands.pick:run_pick",
+    ),
+    Command(
+        name="list", title="List the runs of a project and what each found.",
+        group=Group.SET_UP, function="twin.commands.list:run_list", needs=Needs.PROJECT,
+    ),
+    Command(
+        name="trust", title="Let a project's own effects run and links be followed.",
+        group=Group.SET_UP, function="twin.commands.trust:run_trust", needs=Needs.ROOT,
     ),
     Stage(
         name="camera", title="Calibrate the camera from images of a board.",
         reads=("[cameras]", "raw/boards"), writes=("camera.json", "rig.json"),
-        function="twin.commands.camera:run_camera", skips=True,
+        group=Group.MEASURE, function="twin.commands.camera:run_camera", skips=True,
     ),
     Stage(
         name="measure", title="Measure the displacements in the film, with their uncertainty.",
         reads=("[cameras]", "[films]", "[pressure]", "[import]", "[measure]", "[frame]", "[points]", "[dic]",
                "raw/film", "camera.json"),
         writes=(TARGETS, "tracks.npz", "overlay.png", "budget.csv"),
-        function="twin.commands.measure:run_measure", skips=True,
+        group=Group.MEASURE, function="twin.commands.measure:run_measure", skips=True,
     ),
     Stage(
         name="calibrate", title="Fit the material constants to the displacements.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]", TARGETS, DECK),
+        reads=MODEL,
         writes=(FIT, "generations.npz", "candidates.npz", "prediction.npz", "judged.npz", "comparison.json",
                 "starts.png", "material-tests.png"),
-        function="twin.commands.calibrate:run_calibrate", solves=True,
+        group=Group.CALIBRATE, function="twin.commands.calibrate:run_calibrate", solves=True,
     ),
     Stage(
         name="compare", title="Say where the model and the measurement differ.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]", TARGETS, DECK, FIT),
+        reads=FITTED,
         writes=("comparison.json", "prediction.npz"),
-        function="twin.commands.compare:run_compare", solves=True,
-    ),
-    Stage(
-        name="diagnose", title="Name the physical effect that the model lacks.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]", "[diagnose]", TARGETS, DECK, FIT),
-        writes=("diagnosis.json", "kept.json", "evidence.json", "evidence.npz", "prediction.npz"),
-        function="twin.commands.diagnose:run_diagnose", solves=True,
-    ),
-    Stage(
-        name="explain", title="Show what speaks for an effect, and where: the evidence for it.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]",
-                TARGETS, DECK, FIT, "diagnosis.json"),
-        writes=("evidence.json", "evidence.npz"),
-        function="twin.commands.explain:run_explain", solves=True, when=When.ASKED,
-    ),
-    Stage(
-        name="add", title="Add an effect to the model, fit again and compare.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]",
-                TARGETS, DECK, FIT, "diagnosis.json"),
-        writes=(FIT, "comparison.json", "prediction.npz", "judged.npz", "fields.npz"),
-        function="twin.commands.add:run_add", solves=True, when=When.NAMED,
-    ),
-    Stage(
-        name="drop", title="Take an effect out of the model, fit again and compare.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]", TARGETS, DECK, FIT),
-        writes=(FIT, "comparison.json", "prediction.npz", "judged.npz", "fields.npz"),
-        function="twin.commands.drop:run_drop", solves=True, when=When.ASKED,
+        group=Group.CALIBRATE, function="twin.commands.compare:run_compare", solves=True, alone="two",
     ),
     Stage(
         name="profile", title="Say how well each parameter is known, by likelihood profiles.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]", TARGETS, DECK, FIT),
+        reads=FITTED,
         writes=("profile.json", "profile.csv", "profile.png"),
-        function="twin.commands.profile:run_profile", solves=True, when=When.ASKED,
+        group=Group.CALIBRATE, function="twin.commands.profile:run_profile", solves=True, when=When.ASKED,
     ),
     Stage(
         name="posterior", title="Say how likely the parameters are, all together, by a Markov chain.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]", TARGETS, DECK, FIT, "profile.json"),
+        reads=(*FITTED, "profile.json"),
         writes=("posterior.json", "posterior.csv", "posterior.png", "band.csv", "band.png", "chain.npz",
                 "solves.npz"),
-        function="twin.commands.posterior:run_posterior", when=When.ASKED,
+        group=Group.CALIBRATE, function="twin.commands.posterior:run_posterior", when=When.ASKED,
     ),
     Stage(
         name="pareto", title="Say what fits one marker or film at the cost of another.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]", TARGETS, DECK, FIT),
+        reads=FITTED,
         writes=("pareto.json", "pareto.csv", "pareto.png"),
-        function="twin.commands.pareto:run_pareto", when=When.ASKED,
-    ),
-    Stage(
-        name="explore", title="Say which constant or dimension bends the finger most.",
-        reads=("[model]", "[calibrate]", "[material_tests]", TARGETS, DECK, FIT),
-        writes=("explore.json", "explore.csv", "explore-effects.png", "explore-parallel.png"),
-        function="twin.commands.explore:run_explore", solves=True, when=When.ASKED,
-    ),
-    Stage(
-        name="predict", title="Predict displacements under another pressure, with their intervals.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]", TARGETS, DECK, FIT),
-        writes=("predicted.json", "predicted.csv", "predicted.png", "predicted.pvd", "predicted.rrd",
-                "contact.csv", "contact.png"),
-        function="twin.commands.predict:run_predict", solves=True, when=When.ASKED,
-    ),
-    Stage(
-        name="export", title="Write the calibrated finger as a deck, as JSON, or as a table.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]", TARGETS, DECK, FIT),
-        writes=("finger.inp", "model.json", "response.csv"),
-        function="twin.commands.export:run_export", when=When.ASKED,
+        group=Group.CALIBRATE, function="twin.commands.pareto:run_pareto", when=When.ASKED,
     ),
     Stage(
         name="study",
         title="Show what a calibration by two points has found, and what would tell C10 from C01.",
-        reads=("[model]", "[points]", "[calibrate]", "[material_tests]",
-                "[study]", TARGETS, DECK, "candidates.npz"),
+        reads=(*MODEL, "[study]", "candidates.npz"),
         writes=("study.json", "figure-5a.svg", "figure-5b.svg", "figure-5c.svg", "figure-6a.svg",
                 "figure-6b.svg", "figure-6c.svg", "figure-6d.svg"),
-        function="twin.commands.study:run_study", solves=True, when=When.ASKED,
+        group=Group.CALIBRATE, function="twin.commands.study:run_study", solves=True, when=When.ASKED,
+    ),
+    Stage(
+        name="diagnose", title="Name the physical effect that the model lacks.",
+        reads=(*FITTED, "[diagnose]"),
+        writes=("diagnosis.json", "kept.json", "evidence.json", "evidence.npz", "prediction.npz"),
+        group=Group.MISSING, function="twin.commands.diagnose:run_diagnose", solves=True,
+    ),
+    Stage(
+        name="explain", title="Show what speaks for an effect, and where: the evidence for it.",
+        reads=(*FITTED, "diagnosis.json"),
+        writes=("evidence.json", "evidence.npz"),
+        group=Group.MISSING, function="twin.commands.explain:run_explain", solves=True, when=When.ASKED,
+    ),
+    Stage(
+        name="add", title="Add an effect to the model, fit again and compare.",
+        reads=(*FITTED, "diagnosis.json"),
+        writes=(FIT, "comparison.json", "prediction.npz", "judged.npz", "fields.npz"),
+        group=Group.MISSING, function="twin.commands.add:run_add", solves=True, when=When.NAMED,
+    ),
+    Stage(
+        name="drop", title="Take an effect out of the model, fit again and compare.",
+        reads=FITTED,
+        writes=(FIT, "comparison.json", "prediction.npz", "judged.npz", "fields.npz"),
+        group=Group.MISSING, function="twin.commands.drop:run_drop", solves=True, when=When.ASKED,
+    ),
+    Stage(
+        name="predict", title="Predict displacements under another pressure, with their intervals.",
+        reads=FITTED,
+        writes=("predicted.json", "predicted.csv", "predicted.png", "predicted.pvd", "predicted.rrd",
+                "contact.csv", "contact.png"),
+        group=Group.USE, function="twin.commands.predict:run_predict", solves=True, when=When.ASKED,
+    ),
+    Stage(
+        name="explore", title="Say which constant or dimension bends the finger most.",
+        reads=tuple(name for name in FITTED if name != "[points]"),
+        writes=("explore.json", "explore.csv", "explore-effects.png", "explore-parallel.png"),
+        group=Group.USE, function="twin.commands.explore:run_explore", solves=True, when=When.ASKED,
+    ),
+    Stage(
+        name="export", title="Write the calibrated finger as a deck, as JSON, or as a table.",
+        reads=FITTED,
+        writes=("finger.inp", "model.json", "response.csv"),
+        group=Group.USE, function="twin.commands.export:run_export", when=When.ASKED,
     ),
     Stage(
         name="review", title="Write the report, and the film beside the simulation for rerun.",
-        reads=("[project]", "[model]", "[points]", "[calibrate]", "[material_tests]",
-                TARGETS, DECK, FIT, "diagnosis.json"),
+        reads=(*FITTED, "[project]", "diagnosis.json"),
         writes=("report.html", "review.rrd", "clip.mp4", "deformed.png", "deformed.pvd"),
-        function="twin.commands.review:run_review", solves=True,
+        group=Group.USE, function="twin.commands.review:run_review", solves=True,
     ),
     Command(
         name="recalibrate", title="Run every stage that is stale; in a folder, all batches.",
-        function="twin.commands.recalibrateall:run_recalibrate", needs=Needs.ROOT, solves=True,
+        group=Group.BATCHES, function="twin.commands.recalibrateall:run_recalibrate", needs=Needs.ROOT,
+        solves=True,
     ),
     Command(
         name="batches", title="Compare all batches of a folder: does the newest differ?",
-        function="twin.commands.batches:run_batches", needs=Needs.FOLDER,
-    ),
-    Command(
-        name="list", title="List the runs of a project and what each found.",
-        function="twin.commands.list:run_list", needs=Needs.PROJECT,
-    ),
-    Command(
-        name="trust", title="Let a project's own effects run and links be followed.",
-        function="twin.commands.trust:run_trust", needs=Needs.ROOT,
+        group=Group.BATCHES, function="twin.commands.batches:run_batches", needs=Needs.FOLDER,
     ),
 )  # fmt: skip
 STAGES = tuple(command for command in COMMANDS if isinstance(command, Stage))
+
+
+def command_of(name: str) -> Command:
+    """The command of a name."""
+    return next(command for command in COMMANDS if command.name == name)
 
 
 def stage_of(name: str) -> Stage:

@@ -55,6 +55,18 @@ def rows_of(stage: str, folder: Path | None, summary: Mapping[str, Any]) -> tupl
     return tuple(_TABLES[stage](folder))
 
 
+def columns_of(stage: str) -> str:
+    """The rows of a stage's table, in words, as its method documents them.
+
+    >>> columns_of("calibrate")
+    'a row for each fitted parameter.'
+    """
+    if stage == "list":
+        return "a row for each run, oldest first."
+    text = (_TABLES[stage].__doc__ or "") if stage in _TABLES else "One row: its summary."
+    return text[0].lower() + text[1:]
+
+
 def _parameters(folder: Path) -> Iterator[Row]:
     """A row for each fitted parameter."""
     fit = files.read(FitRecord, folder / FitRecord.file)
@@ -160,6 +172,7 @@ _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "predict": _predicted,
     "export": _files,
     "look": _files,
+    "print": _files,
     "study": _study,
     "review": _files,
 }

@@ -58,7 +58,7 @@ def trial(body: str, number: int, folder: Path, protocol: str) -> dict[str, Any]
     names = list(dict.fromkeys([*said["named"], *(n for tie in said["ties"] for n in tie)]))
     after = before
     if said["named"] and "cannot" not in said["verdict"]:
-        command("add", name=None)
+        command("add")
         after = errors(command("compare"))
     return {
         "body": body, "protocol": protocol, "hidden": sealed(folder), "physics": KINDS[hidden].physics,

@@ -117,7 +117,7 @@ def trial(spec: Spec, folder: Path, finger: str) -> dict[str, Any]:
     said = command("diagnose")
     diagnosed = processor()
     if said["named"] and "cannot" not in said["verdict"]:
-        command("add", name=None)
+        command("add")
     cost = np.diff([began, prepared, calibrated, diagnosed, processor()])
     names = list(dict.fromkeys([*said["named"], *(n for tie in said["ties"] for n in tie)]))
     row = {key: reduced[key] for key in ("kinds", "physics", "laws", "wanted", "hidden")} | {

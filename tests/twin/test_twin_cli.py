@@ -9,17 +9,21 @@ import sys
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import Annotated, get_args, get_origin
 
 import numpy as np
 import pytest
+import typer
 
 from twin import chain, cli, console, files
 from twin.commands import demo
 from twin.executors import clusters
 from twin.executors.chosen import current, using
 from twin.executors.local import Serial
+from twin.notebook import OpenedProject
 from twin.project.config import Config
 from twin.project.folder import Project, dataset
+from twin.signatures import signature_of
 from twin.tablemodel import keys_of
 
 NAMES = [command.name for command in chain.COMMANDS]
@@ -66,7 +70,7 @@ class Standin:
         return self.instead.get(name) or (lambda project, say, **options: self.run(name, project, say, **options))
 
     def run(self, name, project, say, /, **options):
-        self.calls.append((name, *(v for v in options.values() if v)))
+        self.calls.append((name, *(v[0] if isinstance(v, list) else v for v in options.values() if v)))
         say.progress(name, 1, 2)
         say(f"{name}: did it")
         with project.new_run(name) as run:
@@ -101,9 +105,17 @@ def test_help_lists_every_command_of_this_version(run):
     code, out, _ = run("--help")
     assert code == 0
     assert (run("-h")[1], run("look", "-h")[1]) == (out, run("look", "--help")[1])
-    listed = [line.split()[0] for line in out.split("Commands:")[1].splitlines() if line.strip()]
-    assert listed == NAMES
-    assert "..." not in out.split("Commands:")[1]  # every line of help is whole on 80 columns
+    sections = re.findall(r"^(\S[^\n]*):\n((?:  .*\n)+)", out, re.M)[1:]  # behind the options
+    assert [title for title, _ in sections] == [group.value for group in chain.Group]
+    listed = {title: re.findall(r"^  (\S+)", text, re.M) for title, text in sections}
+    assert listed == {g.value: [c.name for c in chain.COMMANDS if c.group is g] for g in chain.Group}
+    assert [name for names in listed.values() for name in names] == NAMES
+    assert "..." not in out.split("Options:")[1]  # every line of help is whole on 80 columns
+    assert max(map(len, out.splitlines())) <= 80
+    usual = re.search(r"The usual way:\n((?:    .*\n)+)", out)
+    assert usual is not None
+    assert len(usual[1].splitlines()) == 5
+    assert set(re.findall(r"twin (\w+)", usual[1])) < set(NAMES)
 
 
 def test_the_readme_has_every_command_in_the_same_order():
@@ -114,20 +126,40 @@ def test_the_readme_has_every_command_in_the_same_order():
     assert printed.stdout.split() == NAMES
 
 
-LOOPED = {"add": {"names"}, "drop": {"names"}, "compare": {"two"}}  # what the command line itself takes apart
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_command_takes_the_options_of_its_function(name, run, monkeypatch):
-    command = next(command for command in chain.COMMANDS if command.name == name)
-    taken = inspect.signature(real(command.function)).parameters
-    given = {option.name for option in cli.OPTIONS.get(name, ())} - LOOPED.get(name, set())
-    assert given <= set(taken)
+    command = chain.command_of(name)
+    stated = {
+        p.name: p
+        for p in inspect.signature(real(command.function)).parameters.values()
+        if get_origin(p.annotation) is Annotated
+    }
+    read = {p.name: p for p in signature_of(command).parameters}
+    assert {k: (p.kind, p.default, get_args(p.annotation)[0]) for k, p in read.items()} == {
+        k: (p.kind, p.default, get_args(p.annotation)[0]) for k, p in stated.items()
+    }
+    parsed = {p.name: p.default for p in typer.main.get_command(cli.app).commands[name].params}
+    assert set(parsed) - {"project", "cluster", "json", "help"} == set(stated)
     monkeypatch.setenv("COLUMNS", "80")
     code, out, _ = run(name, "--help")
     assert code == 0
     assert " ".join(command.title.split()) in " ".join(out.split())
     assert len(out.splitlines()) <= 24  # a screen
+    for p in stated.values():
+        assert " ".join(get_args(p.annotation)[1].help.split()) in " ".join(out.split())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_notebook_takes_the_options_of_the_command_line(name):
+    command = chain.command_of(name)
+    if command.needs not in (chain.Needs.PROJECT, chain.Needs.LOCK):
+        return
+    method = getattr(OpenedProject, name)
+    taken = inspect.signature(method).parameters
+    assert list(taken) == ["self", *(p.name for p in signature_of(command).parameters)]
+    for p in signature_of(command).parameters:
+        assert f"{p.name}: {get_args(p.annotation)[1].help}" in method.__doc__
+    assert command.title in method.__doc__
 
 
 def test_a_stage_gets_the_project_and_says_what_it_did(run, study, stages):

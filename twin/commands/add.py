@@ -1,6 +1,9 @@
 """The command add: the model with one more effect, fitted and compared."""
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+from typer import Argument
 
 from twin.bench.effectchange import change_effects
 from twin.bench.effectlaws import Start, begun, laws_of, nominal
@@ -12,22 +15,43 @@ from twin.messages import Say
 from twin.project.folder import Project
 
 
-def run_add(project: Project, say: Say, *, name: str | None = None) -> dict[str, Any]:
+def run_add(
+    project: Project,
+    say: Say,
+    names: Annotated[Sequence[str], Argument(
+        metavar="[EFFECT]...",
+        help="names of effects, such as creep, added one after the other; without a name the one that the "
+        "diagnosis names")] = (),
+) -> dict[str, Any]:
     """The model with one more effect, in the law that the newest diagnosis kept, and compared; with the
     diagnosis' fit where it has one, else fitted.
 
-    name: as a verdict names it, `creep` or `creep + gravity`. Without a name the effects are those that the
-    newest diagnosis names together; where it names none, nothing is added.
+    A name is as a verdict states it, `creep` or `creep + gravity`. Where there is none, and the newest
+    diagnosis names no effect, nothing is added.
     """
-    text = AND.join(named_effects(project)) if name is None else name
-    if not text and name is None:
+    verdict = AND.join(named_effects(project)) if not names else ""
+    if not names and not verdict:
         say("The diagnosis names no effect: nothing is added.")
         return {"stage": "add", "status": "skipped", "named": []}
-    chosen, start = laws_of(project, text, say)
+    return one_after_another(_add, project, say, names or [verdict])
+
+
+def _add(project: Project, say: Say, name: str) -> dict[str, Any]:
+    chosen, start = laws_of(project, name, say)
     bench = Workbench.of(project)
     chosen, start = _placed(bench, chosen, start, say)
-    kept = [e for e in project.config.model.effects if name_of(e) not in {c.name for c in chosen}]
-    return change_effects(bench, "add", (*kept, *(c.label for c in chosen)), start, say)
+    added = {effect.name for effect in chosen}
+    labels = [label for label in project.config.model.effects if name_of(label) not in added]
+    return change_effects(bench, "add", (*labels, *(effect.label for effect in chosen)), start, say)
+
+
+def one_after_another(
+    change: Callable[[Project, Say, str], dict[str, Any]], project: Project, say: Say, names: Sequence[str]
+) -> dict[str, Any]:
+    """The result of the last of several changes of the model, each a fit of its own; of several, those of the
+    others as `before`."""
+    results = [change(Project.open(project.root, builtin=project.builtin), say, name) for name in names]
+    return results[-1] | ({"before": results[:-1]} if len(results) > 1 else {})
 
 
 def _placed(

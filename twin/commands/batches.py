@@ -5,9 +5,10 @@ import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from typer import Argument
 
 from calibrate.randomeffects import LEAST, Newcomer, newcomer
 from calibrate.statistics import holm
@@ -70,7 +71,14 @@ class Drift:
                 f"{f.former.between_sd:.2g}{unit}.")  # fmt: skip
 
 
-def run_batches(folder: Path, say: Say, *, opened: Opened = Project.open) -> dict[str, Any]:
+def run_batches(
+    folder: Annotated[Path, Argument(
+        default_factory=Path, show_default="this folder",
+        help="folder whose subfolders are projects, one a batch")],
+    say: Say,
+    *,
+    opened: Opened = Project.open,
+) -> dict[str, Any]:
     """The batches below a folder as a table and a chart in batches.html and batches.csv of that folder, and
     the test of the newest one. Both files are made anew each time."""
     paths = batches_in(folder)

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 from itertools import count
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from typer import Option
 
 from calibrate import Fit
 from twin import files
@@ -30,13 +31,18 @@ from twin.study.severalstarts import LEAST, MOST, PICTURE, several_starts
 from twin.targets import Array
 
 
-def run_calibrate(project: Project, say: Say, *, laws: str = "", starts: int = 0) -> dict[str, Any]:
-    """Genetic algorithm on the study's objective, then bounded least squares on all targets; and from there
-    the effects that twin.toml has, in a run of their own.
-
-    laws: names of laws, or all, that are fitted and compared instead. starts: of least squares beside those,
-    spread over the bounds; they begin at the best end of all then.
-    """
+def run_calibrate(
+    project: Project,
+    say: Say,
+    *,
+    laws: Annotated[str, Option(
+        help="laws of the silicone to fit and compare, between commas such as yeoh,gent, or all")] = "",
+    starts: Annotated[int, Option(
+        help="also least squares from so many starts, over all of the bounds, with a picture of where they "
+        "end")] = 0,
+) -> dict[str, Any]:
+    """The fitted constants: a genetic algorithm, then bounded least squares on all targets, from the best end
+    of all starts; and from there the effects that twin.toml has, in a run of their own."""
     if laws:
         return run_laws(project, say, laws=laws)
     _check_starts(project, starts)

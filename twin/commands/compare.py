@@ -1,6 +1,10 @@
 """The compare stage: whether the model agrees with the measurement within the noise, and where not."""
 
-from typing import Any
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument
 
 from twin import files
 from twin.bench.comparison import Judgement, kept, write_comparison
@@ -12,8 +16,23 @@ from twin.messages import Say
 from twin.project.folder import Project
 
 
-def run_compare(project: Project, say: Say) -> dict[str, Any]:
-    """Whether the calibrated model agrees with the measurement within the noise, and where not."""
+def run_compare(
+    project: Project | None,
+    say: Say,
+    two: Annotated[Sequence[Path], Argument(
+        metavar="[A B]",
+        help="two project folders, or two run folders with a fit.json, to lay side by side; without them the "
+        "model of this project and its measurement are compared")] = (),
+) -> dict[str, Any]:
+    """Misfit in mm of the calibrated model by marker, direction, pressure and branch, and where it is larger
+    than noise and known errors explain.
+
+    project: None where two folders are compared.
+    """
+    if two or project is None:
+        from twin.commands.comparetwo import run_side_by_side
+
+        return run_side_by_side(two, say)
     bench, file, fit = Workbench.of(project), fit_file(project), newest_fit(project)
     model = bench.model()  # names what cannot be, before any work is done for it
     with project.new_run("compare") as run:

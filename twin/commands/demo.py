@@ -3,7 +3,9 @@
 import shutil
 import time
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from typer import Argument, Option
 
 from twin import files
 from twin.bench.fits import fresh
@@ -15,9 +17,19 @@ FULL, QUICK = "demo", "quick"  # data sets
 FOLDERS = {FULL: Path("softtwin-demo"), QUICK: Path("softtwin-quick")}
 
 
-def run_demo(folder: Path | None, say: Say, *, quick: bool = False) -> dict[str, Any]:
-    """Copy a demo into a folder, by default its own of FOLDERS, and run all stages; ValueError if the folder
-    holds something else. quick: the short film of a short finger."""
+def run_demo(
+    folder: Annotated[Path | None, Argument(
+        default_factory=lambda: None, show_default=False,
+        help="project folder to make; else softtwin-demo, or softtwin-quick with --quick")],
+    say: Say,
+    *,
+    quick: Annotated[bool, Option(
+        "--quick", help="8 s of film of a short finger, in place of the full demo")] = False,
+) -> dict[str, Any]:
+    """Results of all stages on a copy of a demo.
+
+    ValueError if the folder holds something else.
+    """
     start, name = time.monotonic(), QUICK if quick else FULL
     folder = folder or FOLDERS[name]
     project = copy_demo(folder, say, name=name)

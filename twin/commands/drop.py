@@ -1,18 +1,30 @@
 """The command drop: the model without one of its effects."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from typer import Argument
 
 from twin.bench.effectchange import change_effects
 from twin.bench.effectlaws import named_effect
 from twin.bench.workbench import Workbench
+from twin.commands.add import one_after_another
 from twin.effects.labels import groups, name_of
 from twin.messages import Say
 from twin.project.folder import Project
 
 
-def run_drop(project: Project, say: Say, *, name: str) -> dict[str, Any]:
-    """The model without one of its effects, or without those that a verdict names together: refitted and
-    compared."""
+def run_drop(
+    project: Project,
+    say: Say,
+    names: Annotated[Sequence[str], Argument(
+        metavar="EFFECT...", help="names of effects, such as creep, dropped one after the other")],
+) -> dict[str, Any]:
+    """The model without an effect, or without those that a verdict names together: refitted and compared."""
+    return one_after_another(_drop, project, say, names)
+
+
+def _drop(project: Project, say: Say, name: str) -> dict[str, Any]:
     labels = project.config.model.effects
     present = {name_of(label) for label in labels}
     named = [{name_of(x) for x in group} for group in groups(named_effect(project, name))]

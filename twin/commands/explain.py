@@ -1,9 +1,10 @@
 """The stage explain: the evidence for one effect, in the model or not, without a change of the project."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from typer import Argument
 
 from twin import files
 from twin.bench.effectlaws import begun, begun_from, laws_of
@@ -21,9 +22,14 @@ from twin.numerals import in_words
 from twin.project.folder import Project
 
 
-def run_explain(project: Project, say: Say, *, name: str) -> dict[str, Any]:
-    """What speaks for an effect, or for those that a verdict names together: the model as it is now beside
-    the model with them, or, of effects in the model, without them."""
+def run_explain(
+    project: Project,
+    say: Say,
+    name: Annotated[str, Argument(
+        metavar="EFFECT", help="name of the effect, in the model or not, such as creep")],
+) -> dict[str, Any]:
+    """Evidence for an effect, or for those that a verdict names together: the model as it is now beside the
+    model with them, or, of effects in the model, without them."""
     chosen, start = laws_of(project, name, say)
     names, labels = [e.name for e in chosen], project.config.model.effects
     own = [label for label in labels if name_of(label) in names]

@@ -5,10 +5,11 @@ import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
+from typer import Option
 
 from twin import files
 from twin.bench.askedranges import asked_ranges
@@ -94,16 +95,18 @@ class ExploredRecord(Record):
 def run_explore(
     project: Project,
     say: Say,
+    over: Annotated[Sequence[str], Option(
+        help="what is varied, NAME=LOW:HIGH: a constant in MPa, a parameter of an effect, or a dimension "
+        "such as top_wall_mm=1.6:2.4; once for each")] = (),
     *,
-    over: Sequence[str] = (),
-    design: str = "sobol",
-    runs: int = 32,
-    seed: int = 1,
-    pressure: str = "",
-    whole: bool = False,
+    design: Annotated[str, Option(help="sobol, latin (hypercube) or factorial")] = "sobol",
+    runs: Annotated[int, Option(help="number of runs, of a factorial design at most")] = 32,
+    seed: Annotated[int, Option(help="seed of the design")] = 1,
+    pressure: Annotated[str, Option(help="such as 30kPa; by default the highest of the film")] = "",
+    whole: Annotated[bool, Option("--whole", help="solve every run, in place of a response")] = False,
 ) -> dict[str, Any]:
     """Bending, displacement of the tip and highest stretch of the finger over ranges of constants, amplitudes
-    of effects and dimensions, each NAME=LOW:HIGH; and which of them bends it most.
+    of effects and dimensions; and which of them bends it most.
 
     ValueError for a variable that there is not, a range that is none, and where no run has an answer.
     """

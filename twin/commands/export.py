@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 from pydantic import Field
 from scipy.interpolate import CubicSpline
+from typer import Argument, Option
 
 from fe.deck.calculix import CalculiX, check, without_hybrid
 from fe.deck.writer import deck
@@ -59,17 +60,17 @@ class ModelRecord(Record):
 def run_export(
     project: Project,
     say: Say,
+    form: Annotated[str, Argument(
+        metavar="FORM", help="abaqus or calculix: a deck; json or csv: a table of the response")],
     *,
-    form: str,
-    pressure: str = "",
-    at: Sequence[str] = (),
-    ramp_s: float = 2.0,
-    hold_s: float = 2.0,
+    pressure: Annotated[str, Option(
+        help="of a deck, such as 20kPa; by default the highest of the film")] = "",
+    at: Annotated[Sequence[str], Option(
+        help="of a table: a point, x=60, or x,y,z in mm; once for each")] = (),
+    ramp_s: Annotated[float, Option(help="time in which the pressure is reached, s")] = 2.0,
+    hold_s: Annotated[float, Option(help="time for which it is held, s")] = 2.0,
 ) -> dict[str, Any]:
-    """The calibrated finger as a deck under a held pressure, or the table of its response.
-
-    form: one of `Form`. pressure: of a deck, by default the highest of the film; a table has LEVELS of them.
-    """
+    """The calibrated finger as a deck under a held pressure, or the table of its response."""
     if form not in get_args(Form):
         raise ValueError(f"export {form!r}: wanted one of {', '.join(get_args(Form))}")
     check_times(ramp_s, hold_s)

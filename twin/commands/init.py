@@ -5,7 +5,9 @@ import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
 
 from fe.mesh.finger import NAMED_NODES
 from twin import files
@@ -31,23 +33,29 @@ if TYPE_CHECKING:
 
 
 def run_init(
-    folder: Path, say: Say, *, targets: Path | None = None, form: str | None = None,
-    nodes: Sequence[str] = (), deck: Path | None = None, like: Path | None = None,
-    density_kg_m3: float | None = None, finger: Sequence[str] = (), sd_mm: float | None = None,
-    still: str = "", pressure_set: str = "", clamp_set: str = "", axes: str = "",
-    unit: str = "", body: str = "finger",
+    folder: Annotated[Path, Argument(help="project folder to make")],
+    say: Say,
+    *,
+    targets: Annotated[Path | None, Option(help="displacements measured elsewhere: file or folder")] = None,
+    form: Annotated[str | None, Option("--format", help="format of that file: see docs/files.md")] = None,
+    nodes: Annotated[Sequence[str], Option(
+        "--node", help="point, NAME=node label or NAME=X,Y,Z in mm; repeated")] = (),
+    finger: Annotated[Sequence[str], Option(help="a dimension, such as length_mm=80; once for each")] = (),
+    body: Annotated[str, Option(help="kind, such as pneunet:chambers=4")] = "finger",
+    sd_mm: Annotated[float | None, Option(help="sd of one position in another program's file, mm")] = None,
+    still: Annotated[str, Option(help="instead: its rows at rest, 0-60,200-260, or holds")] = "",
+    deck: Annotated[Path | None, Option(help="your own mesh: Abaqus (mm, N, MPa), Gmsh or VTK")] = None,
+    pressure_set: Annotated[str, Option(help="of such a mesh: the group of faces under pressure")] = "",
+    clamp_set: Annotated[str, Option(help="of such a mesh: the group of faces that is held")] = "",
+    axes: Annotated[str, Option(help="of such a mesh: which are x, y, z: --axes=-x,z,y")] = "",
+    unit: Annotated[str, Option(help="of such a mesh: its unit of length, such as m; else mm")] = "",
+    like: Annotated[Path | None, Option(
+        help="project of a former batch on the same rig: its twin.toml is copied")] = None,
+    density_kg_m3: float | None = None,
 ) -> dict[str, Any]:
-    """Make a folder with a complete twin.toml; `targets` and `deck` are checked and copied.
+    """A folder with a complete twin.toml; targets and deck are checked and copied.
 
-    targets: a folder with targets.csv, or the file or folder of another program, which `twin measure` turns
-    into targets; form: its format, else the one that it shows.
-    nodes: NAME=LABEL or NAME=X,Y,Z (mm) of the points; all of them where a deck takes the place of the
-    built-in finger.   like: a former batch, whose twin.toml is copied instead.
-    density_kg_m3: of a silicone that was weighed.   body: kind of actuator, see `body_table`;
-    finger: KEY=VALUE of a finger, such as length_mm=80.   sd_mm: of one position in another program's file;
-    or, still: the rows whose scatter tells it, "holds" or such as "0-60,200-260".   pressure_set, clamp_set:
-    of a mesh of Gmsh or VTK in the place of a deck, the groups of faces under pressure and held; axes: which
-    of its axes are x, y and z, such as "-x,z,y"; unit: of its lengths, by default mm.
+    Another program's file becomes targets by `twin measure`. density_kg_m3: of a silicone that was weighed.
     """
     of_mesh = {"pressure_set": pressure_set, "clamp_set": clamp_set, "axes": axes, "unit": unit}
     if deck is not None and deck.suffix.lower() in MESHES:

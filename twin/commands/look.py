@@ -1,9 +1,10 @@
 """A picture of the finger as the model has it: dimensions, marks, points."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from typer import Option
 
 from fe.element import triangles
 from fe.mesh.elementshapes import quality
@@ -19,13 +20,16 @@ from twin.project.folder import Project
 from twin.review.undeformed import write_undeformed
 
 
-def run_look(project: Project, say: Say, *, at: Sequence[str] = ()) -> dict[str, Any]:
-    """Write runs/NNNN-look, unless that is done: finger.png and look.rrd, the undeformed finger with its
+def run_look(
+    project: Project,
+    say: Say,
+    *,
+    at: Annotated[Sequence[str], Option(
+        help="a place x,y,z in mm: the nearest surface node is said and drawn; once for each")] = (),
+) -> dict[str, Any]:
+    """Drawings of the finger, unless they are there: finger.png and look.rrd, the undeformed finger with its
     dimensions; nodes.png, the labels around points; quality.png and quality.csv, the shapes of the elements;
-    of a deck read.png, what was read of it.
-
-    at: places X,Y,Z in mm whose nearest surface nodes are said and drawn, too.
-    """
+    of a deck read.png, what was read of it."""
     asked = places_asked(at)
     how: dict[str, Any] = {"tables": ("project", "model", "frame", "points"), "inputs": project.deck_files(),
                            "extra": {"at": [x.tolist() for x in asked]}}  # fmt: skip

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from typer import Option
 
 from twin import files
 from twin.gauge.agreement import check_agrees
@@ -82,13 +83,18 @@ class _Measured:
 
 
 def run_measure(
-    project: Project, say: Say, *, replace: bool = False, budget: bool = False, renew: bool = False
+    project: Project,
+    say: Say,
+    *,
+    replace: Annotated[bool, Option(
+        "--replace", help="measure again; the targets that are there become targets-0001")] = False,
+    budget: Annotated[bool, Option(
+        "--budget", help="print what the uncertainty of each marker consists of")] = False,
+    renew: bool = False,
 ) -> dict[str, Any]:
-    """Measure the films into targets/ and runs/NNNN-measure, unless that is done.
+    """The film's displacements, written to targets/, unless that is done.
 
-    Targets that come from other inputs are never overwritten: ValueError. With `renew` they are kept as
-    targets-0001, -0002, ..., and with `replace` it measures in any case. With `budget` the table of what the
-    uncertainty is made of is said.
+    ValueError where targets from other inputs are there. With `renew` these become targets-0001, -0002, ...
     """
     result = _measured(project, say, replace, renew)
     if budget and project.config.imported is not None:

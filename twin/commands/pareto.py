@@ -3,10 +3,11 @@
 import csv
 import io
 from collections.abc import Callable, Iterator
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
+from typer import Option
 
 from twin import files
 from twin.bench.comparison import film_names
@@ -63,9 +64,17 @@ class ParetoRecord(Record):
     note: str = Field(default="", description="what limits that")
 
 
-def run_pareto(project: Project, say: Say, *, objectives: str = "", seed: int = 1) -> dict[str, Any]:
-    """The front of the misfits of points, components or films, by NSGA-II around the newest fit; its knee;
-    and whether the one fit of all is as good as each alone.
+def run_pareto(
+    project: Project,
+    say: Say,
+    objectives: Annotated[str, Option(
+        help="what is fitted, between commas: points, U1, U3 or films, or two of them as tip.U3; by default "
+        "the points of [calibrate]")] = "",
+    *,
+    seed: Annotated[int, Option(help="seed of the genetic algorithm")] = 1,
+) -> dict[str, Any]:
+    """Front of the misfits of points, components or films, by NSGA-II around the newest fit; its knee; and
+    whether the one fit of all is as good as each alone.
 
     ValueError for objectives that there are not, and without a fit.
     """

@@ -4,11 +4,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from typer import Option
 
 from twin.bench.positions import one_side
 from twin.bench.workbench import structure_of
@@ -79,15 +80,14 @@ def run_pick(
     project: Project,
     say: Say,
     *,
-    size_mm: float | None = None,
-    sag_mm: float = SAG_MM,
-    names: Sequence[str] = (),
+    names: Annotated[Sequence[str], Option(
+        "--name",
+        help="write a numbered feature into twin.toml as a point, NAME=NUMBER; once for each")] = (),
+    size_mm: Annotated[float | None, Option(help="side of a feature, mm; 30 px without it")] = None,
+    sag_mm: Annotated[float, Option(help="how far the finger hangs at rest, mm")] = 1.0,
 ) -> dict[str, Any]:
-    """Number features of the film's first picture in runs/NNNN-pick, or write named ones into twin.toml.
-
-    size_mm: their side.   sag_mm: how far the finger hangs from its straight outline at rest.
-    names: such as tip=7, of the numbers in the newest of these pictures.
-    """
+    """Numbered features of the film's first picture; or named ones, written into twin.toml by their numbers
+    in the newest of these pictures."""
     if names:
         return _named(project, say, names)
     table = camera_table(project)

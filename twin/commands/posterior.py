@@ -6,13 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
+from typer import Option
 
 from calibrate import Fit
-from calibrate.posteriors import END, MOST, Chain
+from calibrate.posteriors import END, Chain
 from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file, newest
@@ -133,8 +134,14 @@ class RunKeeping:
         self.run.note(text)
 
 
-def run_posterior(project: Project, say: Say, *, seed: int = 0, steps: int = MOST) -> dict[str, Any]:
-    """The posterior of all parameters of the newest fit; steps: of each walker at most.
+def run_posterior(
+    project: Project,
+    say: Say,
+    *,
+    seed: Annotated[int, Option(help="seed of the chain")] = 0,
+    steps: Annotated[int, Option(help="steps of each walker at most")] = 20000,
+) -> dict[str, Any]:
+    """Posterior of all parameters of the newest fit, by a Markov chain.
 
     ValueError without a fit, where the model does not fit, for steps or seed below their least, and without
     emcee or corner.

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
+from typer import Option
 
 from fe.element import triangles
 from fe.mesh.points import nearest
@@ -113,26 +114,24 @@ class PredictionRecord(Record):
 def run_predict(
     project: Project,
     say: Say,
+    pressure: Annotated[Sequence[str], Option(
+        help="pressure that is held, such as 20kPa; once for each")] = (),
     *,
-    pressure: Sequence[str] = (),
-    course: Path | None = None,
-    at: Sequence[str] = (),
-    ramp_s: float = 2.0,
-    hold_s: float = 2.0,
-    inverse: Sequence[str] = (),
-    gravity: str = "",
-    blocked: bool = False,
-    object: str = "",  # noqa: A002 - as it is typed
-    shares: Sequence[str] = (),
+    course: Annotated[Path | None, Option(help="pressure log to follow instead, CSV")] = None,
+    inverse: Annotated[Sequence[str], Option(help="the pressure that gives a motion, tip.U3=-40 mm")] = (),
+    at: Annotated[Sequence[str], Option(help="a point, x=60, or x,y,z in mm; once for each")] = (),
+    ramp_s: Annotated[float, Option(help="time in which a held pressure is reached, s")] = 2.0,
+    hold_s: Annotated[float, Option(help="time for which it is held, s")] = 2.0,
+    gravity: Annotated[str, Option(help="its direction X,Y,Z, if other than in the film")] = "",
+    shares: Annotated[Sequence[str], Option(
+        help="of several chambers, what of the pressure one carries, LEFT=1.0")] = (),
+    blocked: Annotated[bool, Option(
+        "--blocked", help="also the force of the finger whose end is kept at its height")] = False,
+    object: Annotated[str, Option(  # noqa: A002 - as it is typed
+        help="also the force on a rigid object: cylinder:d=40,x=70,z=-30 (mm)")] = "",
 ) -> dict[str, Any]:
     """Displacements of points and the turn of the tip, each with its 95 % interval, under held pressures or
-    along the course of a log; or at the pressures that give wanted displacements.
-
-    gravity: its direction, X,Y,Z, where it is another than in the film. blocked: the force, too, with which
-    the finger presses when its end is kept at its height. object: a rigid object, as `twin.model.objects`
-    reads it; wanted is, too, with which force the finger presses on it. shares: SURFACE=SHARE, what of the
-    pressure each of several chambers carries.
-    """
+    along the course of a log; or at the pressures that give wanted displacements."""
     if object and inverse:
         raise ValueError("--object: wanted --pressure or --course beside it, not --inverse")
     asked_for = "" if inverse else object or project.config.model.object or ""

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Option
 
 from twin.drawing.canvas import Paper, text_width, without_letters
 from twin.inputs.cameras import dictionary_files, dictionary_name
@@ -38,8 +40,10 @@ class Item:
         return self.art.height + 1.35 * LABEL * len(self.lines) + CUT + GAP
 
 
-def run_print(project: Project, say: Say, *, paper: str = "a4") -> dict[str, Any]:
-    """Write runs/NNNN-print/print.pdf: the board and every marker of twin.toml, unless that is done."""
+def run_print(
+    project: Project, say: Say, *, paper: Annotated[str, Option(help="a4, letter or a3")] = "a4"
+) -> dict[str, Any]:
+    """print.pdf, unless it is there: the board and every marker of twin.toml."""
     if paper not in PAPERS:
         raise ValueError(f"--paper {paper!r}: wanted one of {', '.join(PAPERS)}")
     if not project.config.cameras:

@@ -5,10 +5,11 @@ import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
+from typer import Argument
 
 from calibrate import Fit
 from calibrate.profiles import IDENTIFIED, LEVELS, NOT_IDENTIFIED, End, Profile
@@ -66,9 +67,13 @@ class ProfilesRecord(Record):
     note: str = Field(default="", description="where intervals by covariance differ, and a better fit")
 
 
-def run_profile(project: Project, say: Say, *, names: Sequence[str] = ()) -> dict[str, Any]:
-    """The likelihood profiles of the named parameters of the newest fit, of C10+C01 and of share; by default
-    of all.
+def run_profile(
+    project: Project,
+    say: Say,
+    names: Annotated[Sequence[str], Argument(
+        metavar="[NAME]...", help="parameters such as C10, C10+C01 or share; without a name all")] = (),
+) -> dict[str, Any]:
+    """Likelihood profiles of parameters of the newest fit, of C10+C01 and of share.
 
     ValueError for a name that has none, without a fit, and where the model does not fit.
     """

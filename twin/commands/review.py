@@ -1,9 +1,10 @@
 """The review stage: what the runs of a project found -> review.rrd for rerun, report.html, pictures, VTU
 files."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from typer import Option
 
 from twin.bench.fits import fresh, stale_sentences
 from twin.bench.workbench import Workbench
@@ -21,9 +22,14 @@ from twin.targets import Array
 SERIES = 12  # deformed states in the VTU series
 
 
-def run_review(project: Project, say: Say, *, clip: bool = False) -> dict[str, Any]:
-    """review.rrd and report.html from the newest runs, with `clip` also clip.mp4. ValueError where nothing is
-    calibrated yet."""
+def run_review(
+    project: Project,
+    say: Say,
+    *,
+    clip: Annotated[bool, Option(
+        "--clip", help="also write clip.mp4: film with the model before and after, for a talk")] = False,
+) -> dict[str, Any]:
+    """review.rrd and report.html from the newest runs. ValueError where nothing is calibrated yet."""
     if fresh(project, ("calibrate",), "generations.npz") is None:
         why = stale_sentences(project, ("calibrate",), "generations.npz")
         reason = why[0] if why else "no calibrated model in this project"

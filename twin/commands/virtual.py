@@ -5,9 +5,10 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from typer import Argument, Option
 
 from twin import files
 from twin.bodies.body import Body
@@ -27,7 +28,6 @@ from twin.virtual.protocols import PROTOCOLS, Protocol, places
 from twin.virtual.truthsolves import (
     COUNT,
     DENSITY,
-    ELEMENT,
     SILICONE,
     displaced,
     on_surface,
@@ -40,24 +40,23 @@ ELEMENTS_OF_TRUTH = ("C3D20H", "C3D20RH", "C3D20", "C3D20R")
 
 
 def run_virtual(
-    folder: Path,
+    folder: Annotated[Path, Argument(help="project folder to make")],
     say: Say,
     *,
-    protocol: str,
-    hide: Sequence[str],
-    sigmas: float | None,
-    noise_mm: float = 0.015,
-    noise: str = "white",
-    placement_mm: float = 0.1,
-    element: str = ELEMENT,
-    seed: int = 0,
-    body: str = "finger",
-    object: str = "",  # noqa: A002
+    protocol: Annotated[str, Option(help="P1 (tip, one ramp) to P5 (three orientations)")] = "P3",
+    hide: Annotated[Sequence[str], Option(help="what the model lacks, NAME or NAME=SIZE; repeated")] = (),
+    sigmas: Annotated[float | None, Option(
+        help="size of what is hidden, in sds of the noise beside the constants")] = None,
+    noise_mm: Annotated[float, Option(help="noise of a marker's position, 1 sd")] = 0.015,
+    noise: Annotated[str, Option(help="white, or ar1: each value resembles the one before")] = "white",
+    placement_mm: Annotated[float, Option(help="distance of a marker from its node, 1 sd")] = 0.1,
+    element: Annotated[str, Option(help="Abaqus element of the truth")] = "C3D20H",
+    body: Annotated[str, Option(help="kind, such as pneunet:chambers=3")] = "finger",
+    object: Annotated[str, Option(help="what it meets: cylinder:d=20,x=50,z=-14")] = "",  # noqa: A002
+    seed: Annotated[int, Option(help="seed of the noise")] = 0,
 ) -> dict[str, Any]:
-    """Make the folder, with targets and twin.toml, and `FOLDER.truth.json` beside it.
+    """A project folder with targets and twin.toml, and `FOLDER.truth.json` beside it.
 
-    hide: what is missing in the model, NAME or NAME=SIZE; sigmas: the non-centrality of one NAME without a
-    size; body: what is filmed, as `twin init` has it; object: what it meets, which twin.toml states, too.
     ValueError for what does not exist.
     """
     setup = Setup(sd_mm=noise_mm, noise=noise, placement_sd_mm=placement_mm)

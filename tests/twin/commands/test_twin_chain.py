@@ -120,7 +120,7 @@ def chain(
     run_diagnose(project, say)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(prediction, "solve", _no_solve)  # and diagnose all that add needs
-        run_add(project, say, name="creep")
+        run_add(project, say, names=["creep"])
     project = Project.open(project.root, builtin=project.builtin)
     run_review(project, say)
     return project, say
@@ -345,9 +345,9 @@ def test_calibrate_fits_the_effects_of_twin_toml_again(chain: tuple[Project, Sil
 def test_errors_are_one_sentence(chain: tuple[Project, Silent]) -> None:
     project, say = chain
     with pytest.raises(ValueError, match="'wind' is not in the library"):
-        run_add(project, say, name="wind")
+        run_add(project, say, names=["wind"])
     with pytest.raises(ValueError, match="'stiffening' is not in the model"):
-        run_drop(project, say, name="stiffening")
+        run_drop(project, say, names=["stiffening"])
     model = project.config.model
     strange = replace(project, config=project.config.model_copy(update={"model": model.model_copy(
         update={"fixed": {"bulk": 300.0}})}))  # fmt: skip
@@ -386,7 +386,7 @@ def test_the_study_says_what_its_data_cannot(study: Path, short_builtin: BuiltIn
     run_diagnose(project, say)
     assert "cannot test: no noise model" in " ".join(say.lines)
     with pytest.raises(ValueError, match="effect 'wobble' is not in the library"):
-        run_add(project, say, name="wobble")
+        run_add(project, say, names=["wobble"])
 
 
 def test_an_unknown_node_or_an_unseen_point_stops_calibrate(tmp_path: Path, short_case: Case, short_builtin: BuiltIn) -> None:

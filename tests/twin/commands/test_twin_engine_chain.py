@@ -189,7 +189,7 @@ def test_an_effect_is_added_and_reviewed_by_jobs(calibrated: Calibrated, tmp_pat
     """Five minutes where the machine is busy, half of one else."""
     root = tmp_path / "batch"
     shutil.copytree(calibrated.project.root, root)
-    result = run_add(Project.open(root, builtin=STUB), Lines(), name="camera_scale")
+    result = run_add(Project.open(root, builtin=STUB), Lines(), names=["camera_scale"])
     record = files.read(FitRecord, fit_file(Project.open(root, builtin=STUB)))
     assert result["effects"] == ["camera_scale"]
     assert record.engine == "calculix"
