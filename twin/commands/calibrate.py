@@ -25,9 +25,9 @@ from twin.project.folder import Project, Run
 from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt
 from twin.study.fullsolves import full_solves
 from twin.study.generations import Generation, evaluations, search
-from twin.study.known import known_of
+from twin.study.identifiability import identifiability_of
 from twin.study.loadpathfit import OnPaths
-from twin.study.severalstarts import LEAST, MOST, PICTURE, several_starts
+from twin.study.multistart import LEAST, MOST, PICTURE, several_starts
 from twin.targets import Array
 
 
@@ -64,7 +64,7 @@ def run_calibrate(
         bench, judged = on.least(best.best, say, *([tried.best] if tried else []))
         model, fit, tests = judged.model, judged.fit, bench.agreement(judged)
         found = compared(run, fit.theta, Judgement.of(judged), bench, say)
-        words = known_of(on.holding(fit, say), best.best, fit, doubt_of_tests(tests) or found.doubt)
+        words = identifiability_of(on.holding(fit, say), best.best, fit, doubt_of_tests(tests) or found.doubt)
         beside = fitted_by(bench, fit, Judgement.of(judged)) | {"material_tests": tests}
         if tried is not None:
             beside |= {"starts": tried.rows, "said": (*beside["said"], tried.words)}

@@ -1,7 +1,6 @@
-"""The study stage: what a calibration by two points has found, as the reference study published its own.
+"""The study stage: seven figures, table, ridge and further readings of a calibration by two points.
 
-Its seven figures, its table, the ridge along which C10 and C01 trade off, and the readings that would tell
-them apart. Without a calibration that still holds it calibrates first, and it ends with the report.
+Without a calibration that still holds it calibrates first, and it ends with the report.
 """
 
 from typing import Any
@@ -13,10 +12,10 @@ from twin.bench.workbench import law_of_project
 from twin.commands.calibrate import run_calibrate
 from twin.commands.review import run_review
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
+from twin import files
 from twin.messages import Say
 from twin.project.folder import Project
-from twin.study.figures import FIGURES, drawn, file_of
-from twin.study.numbers import Inquiry
+from twin.study.reference import FIGURES, Reference, file_of
 
 
 def run_study(project: Project, say: Say) -> dict[str, Any]:
@@ -25,25 +24,24 @@ def run_study(project: Project, say: Say) -> dict[str, Any]:
     _check(project)
     if fresh(project, ("calibrate",), "candidates.npz") is None:
         run_calibrate(project, say)
-    maker = Inquiry.of(project, say)
+    reference = Reference.of(project, say)
+    study = reference.study()
     with project.new_run("study") as run:
-        found = maker.study().told([file_of(name) for name in FIGURES])
-        run.write(found)
-        for name, text in drawn(maker.generations, maker.candidates, found).items():
+        run.write(study)
+        for name, text in reference.figures(study).items():
             run.write_text(file_of(name), text + "\n")
-        run.summary["headline"] = found.headline
-    say(found.headline)
-    for sentence in found.sentences:
+        run.summary["headline"] = study.headline
+    for sentence in (study.headline, *study.sentences):
         say(sentence)
     names = ", ".join(FIGURES)
-    say(f"Wrote {project.shown(run.folder)}/{found.file} and figures {names} (figure-5a.svg ..).")
+    say(f"Wrote {project.shown(run.folder)}/{study.file} and figures {names} (figure-5a.svg ..).")
     run_review(project, say)
-    return {"stage": "study", "run": run.name} | files.plain(found)
+    return {"stage": "study", "run": run.name} | files.plain(study)
 
 
 def _check(project: Project) -> None:
-    """Raise ValueError where the seven figures cannot be made of a project."""
-    config = project.config
+    """Raise ValueError where a project cannot give the seven figures."""
+    config, points = project.config, list(project.config.calibrate.objective_points)
     if (law := law_of_project(project)) != MOONEY_RIVLIN:
         raise ValueError(
             f'model.law = "{law.name}": twin study shows how the constants of {MOONEY_RIVLIN.title} rubber '
@@ -54,9 +52,8 @@ def _check(project: Project) -> None:
             f"model.fixed holds {', '.join(config.model.fixed)}: twin study shows how C10 and C01 trade "
             "off, so both must be free; set fixed = {} in twin.toml"
         )
-    points = config.calibrate.objective_points
     if len(points) != 2:
         raise ValueError(
-            f"calibrate.objective_points = {list(points)}: figures 6a and 6b are of two points; name two "
-            "in twin.toml"
+            f"calibrate.objective_points = {points}: figures 6a and 6b are of two points; "
+            "name two in twin.toml"
         )

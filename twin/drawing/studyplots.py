@@ -1,7 +1,6 @@
-"""Turns what a calibration has found into plots, each an SVG text: what the search went through, the models
-before and after. They are the seven figures of the reference study, 5a to 5c and 6a to 6d, and the report's.
+"""Plots of a calibration by a genetic algorithm, each an SVG text: figures 5a to 6d of the reference study.
 
-Every curve carries an id (`gid`) in the SVG, so that a figure can be read back.
+The report uses them, too. Every curve carries an id (`gid`) in the SVG, so that a figure can be read back.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,6 +32,8 @@ from twin.targets import Array
 SIZE = (4.6, 3.4)  # inches: two stand beside each other on a page
 INITIAL, FINAL, EXPERIMENT = "initial model", "updated model", "experiment"
 MANY = 20  # readings of a film are drawn small
+COLOURS = {EXPERIMENT: MUTED, INITIAL: BEFORE, FINAL: AFTER}
+MARKS = (("*", "#e69f00"), ("s", "white"), ("D", "#cc79a7"), ("^", BEFORE))  # shape and colour of models
 BARS = 0.26  # width of a bar, of the distance from one point to the next
 
 
@@ -42,11 +43,10 @@ def best_error(
     """Figure 5a: the best RMS error (g,) mm by generation (g,), and that of the initial model."""
     with style():
         figure, axes = _one()
-        known = np.append(rms_mm, [] if initial_mm is None else initial_mm)
         if initial_mm is not None:
             axes.axhline(initial_mm, color=BEFORE, ls="--", linewidth=1.1, label=INITIAL, gid="initial")
         axes.plot(generation, rms_mm, color=AFTER, marker="o", markersize=3, label="best so far", gid="best")
-        log_if_wide(axes, known)
+        log_if_wide(axes, np.append(rms_mm, [] if initial_mm is None else initial_mm))
         if axes.get_yscale() == "linear":
             axes.set_ylim(bottom=0.0)
         _by_generation(axes, "RMS error, mm")
@@ -102,7 +102,7 @@ def valley(
             figure.colorbar(dots, ax=axes, label="RMS error, mm").outline.set_visible(False)
         if ridge is not None:
             axes.plot(*ridge.T, color=INK, linewidth=1.0, label="ridge: least error", gid="ridge")
-        for (name, (x, y)), (shape, colour) in zip(marks.items(), _shapes(len(marks))):
+        for (name, (x, y)), (shape, colour) in zip(marks.items(), MARKS):
             axes.plot(
                 x, y, shape, color=colour, markersize=13 if shape == "*" else 8, markeredgecolor=INK,
                 markeredgewidth=0.9, label=name, linestyle="none", gid=name, clip_on=False, zorder=5,
@@ -149,31 +149,23 @@ def against_pressure(
 
 
 def end_values(
-    points: Sequence[str], *, measured: Array, initial: Array, final: Array, component: str = "U3"
+    points: Sequence[str], rows: Mapping[str, Array], *, component: str = "U3", sd_mm: float | None = None
 ) -> str:
-    """Figure 6c: displacements (p,) mm at the top pressure: experiment, initial and updated model."""
+    """Figures 6c, 6d: displacements (p,) mm at the top pressure, of EXPERIMENT, INITIAL and FINAL.
+
+    With the sd of a reading in mm the rows are absolute errors of INITIAL and FINAL, and a line shows the sd.
+    """
     with style():
         figure, axes = _one()
-        rows = {EXPERIMENT: (measured, MUTED), INITIAL: (initial, BEFORE), FINAL: (final, AFTER)}
-        _bars(axes, points, rows, digits=1)
-        axes.axhline(0.0, color=MUTED, linewidth=0.8)
-        axes.set_ylabel(f"{component}, mm")
-        _legend(figure, axes)
-        return svg(figure)
-
-
-def end_errors(
-    points: Sequence[str], *, initial: Array, final: Array, sd_mm: float, component: str = "U3"
-) -> str:
-    """Figure 6d: absolute errors (p,) mm at the top pressure before and after, and the sd of a reading."""
-    with style():
-        figure, axes = _one()
-        _bars(axes, points, {INITIAL: (initial, BEFORE), FINAL: (final, AFTER)}, digits=2)
-        axes.axhline(
-            sd_mm, color=EXTRA, linewidth=1.1, linestyle=":", label="error of a reading, 1 sd", gid="reading"
-        )
-        axes.set_ylabel(f"absolute error of {component}, mm")
-        axes.set_ylim(0.0, 1.12 * max(float(initial.max()), float(final.max()), sd_mm))
+        _bars(axes, points, rows, digits=1 if sd_mm is None else 2)
+        if sd_mm is None:
+            axes.axhline(0.0, color=MUTED, linewidth=0.8)
+            axes.set_ylabel(f"{component}, mm")
+        else:
+            axes.axhline(sd_mm, color=EXTRA, linewidth=1.1, linestyle=":",
+                         label="error of a reading, 1 sd", gid="reading")  # fmt: skip
+            axes.set_ylabel(f"absolute error of {component}, mm")
+            axes.set_ylim(0.0, 1.12 * max(sd_mm, *(float(v.max()) for v in rows.values())))
         _legend(figure, axes)
         return svg(figure)
 
@@ -188,22 +180,16 @@ def _by_generation(axes: Axes, label: str) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
 
 
-def _shapes(count: int) -> list[tuple[str, str]]:
-    """Markers and colours of that many models."""
-    known = [("*", "#e69f00"), ("s", "white"), ("D", "#cc79a7"), ("^", BEFORE)]
-    return [known[k % len(known)] for k in range(count)]
-
-
-def _bars(axes: Axes, points: Sequence[str], rows: Mapping[str, tuple[Array, str]], *, digits: int) -> None:
+def _bars(axes: Axes, points: Sequence[str], rows: Mapping[str, Array], *, digits: int) -> None:
     """Groups of bars, one a point, with their values at the ends."""
-    at = np.arange(len(points))
-    for k, (name, (values, colour)) in enumerate(rows.items()):
-        place = at + (k - (len(rows) - 1) / 2) * (BARS + 0.02)
-        drawn: Any = axes.bar(place, values, width=BARS, color=colour, label=name)
-        for bar, point in zip(drawn, points, strict=True):
+    ticks = np.arange(len(points))
+    for k, (name, values) in enumerate(rows.items()):
+        x = ticks + (k - (len(rows) - 1) / 2) * (BARS + 0.02)
+        bars: Any = axes.bar(x, values, width=BARS, color=COLOURS[name], label=name)
+        for bar, point in zip(bars, points, strict=True):
             bar.set_gid(f"{name}: {point}")
-        axes.bar_label(drawn, [f"{v:.{digits}f}" for v in values], padding=2, fontsize=8)
-    axes.set_xticks(at, points)
+        axes.bar_label(bars, [f"{v:.{digits}f}" for v in values], padding=2, fontsize=8)
+    axes.set_xticks(ticks, points)
     axes.tick_params(axis="x", length=0)
     axes.grid(False, axis="x")
     axes.margins(y=0.1)
@@ -212,11 +198,5 @@ def _bars(axes: Axes, points: Sequence[str], rows: Mapping[str, tuple[Array, str
 def _legend(figure: Figure, axes: Axes, *, columns: int = 4) -> None:
     """Name the curves above them, without a frame."""
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(
-        handles,
-        labels,
-        loc="outside upper left",
-        ncols=min(columns, len(labels)),
-        fontsize=8.5,
-        columnspacing=1.2,
-    )
+    figure.legend(handles, labels, loc="outside upper left", ncols=min(columns, len(labels)), fontsize=8.5,
+                  columnspacing=1.2)  # fmt: skip

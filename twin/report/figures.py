@@ -10,8 +10,8 @@ from twin.drawing import plots, studyplots
 from twin.drawing.curveplot import draw_curves
 from twin.report.found import CHANGES, Story, calibration_file
 from twin.report.page import Picture
-from twin.study.figures import FIGURES, file_of
 from twin.study.record import page_facts
+from twin.study.reference import FIGURES, file_of
 from twin.targets import Array
 
 

@@ -1,10 +1,10 @@
-"""Two constants that trade off: what a calibration by few displacements finds, and what it leaves open.
+"""Calibration by a few displacements, as in the reference study: searches for constants, and limits.
 
-Read `generations` first: the reference study's genetic algorithm on load paths. `loadpathfit` is its
-objective and the least squares that begin where it ends, `severalstarts` the same from all over the bounds;
-`fullsolves` shows the best of every generation,
-and `known` says what is known then. `ridges` finds the line on which two constants act alike; `readings`
-are places where one could read more, and `separability` says how well each would tell the constants apart.
-`numbers` gathers all this, `record` is what is written of it, and `figures` draws it. `lawchoice`
-fits several laws of the silicone alike and says which the targets cannot tell apart.
+Read `generations` first: the reference study's genetic algorithm on load paths. `loadpathfit` holds its
+objective and the least squares that begin at its end, `multistart` repeats them from all over the bounds,
+and `fullsolves` solves the best of every generation. `ridges` finds the line on which two constants
+act alike, `identifiability` puts the accuracy of the constants into words, and `separability` rates further
+readings that would tell the constants apart. `reference` makes the record and the seven figures of
+`twin study`, `record` holds its sentences and tables. `lawchoice` fits several laws of the silicone and
+compares them by evidence.
 """

@@ -1,5 +1,5 @@
-"""What a calibration by one objective has found, as study.json has it: the models before and after, the
-ridge, and what would tell C10 from C01. The sentences of the report come from here; no number is computed."""
+"""Record of `twin study`, study.json: the models before and after, the ridge, and readings that would
+tell C10 from C01; its sentences and its tables. No number is computed here."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -8,15 +8,14 @@ import numpy as np
 from pydantic import Field
 
 from twin.records import Reach, Record
-from twin.study.readings import Several
-from twin.study.separability import KNOWN, UNKNOWN, Known, ReadingRow
+from twin.study.separability import KNOWN, UNKNOWN, Plan, Reading, Separation
 from twin.targets import Array
 
-SHOWN = 6  # readings that the report shows, within the pressure of the test and beyond
+SHOWN = 6  # readings in the report, within the pressure of the test and beyond
 
 
 class Side(Record):
-    """One model."""
+    """A model with its constants in MPa and its error."""
 
     C10: float = Field(description="MPa")
     C01: float
@@ -25,21 +24,24 @@ class Side(Record):
     rms_mm: float = Field(description="error of the objective")
     u_mm: list[float] = Field(description="displacements of the points")
 
+    def __str__(self) -> str:
+        return f"C10 = {self.C10:.3g}, C01 = {self.C01:.3g} MPa"
+
 
 class Initial(Side):
-    """The model before."""
+    """The initial model."""
 
     stated: bool = Field(description="by `[study]`")
 
 
 class Start(Side):
-    """Another model before."""
+    """Another initial model."""
 
     reduction_percent: float = Field(description="fall of the error from it")
 
 
 class RidgeLine(Record):
-    """The ridge."""
+    """The best sum C10 + C01 for every share C01 / (C10 + C01)."""
 
     share: list[float]
     total_MPa: list[Reach] = Field(description="with its error")
@@ -47,13 +49,13 @@ class RidgeLine(Record):
     agreeing_share: tuple[float, float] = Field(description="range that agrees with the readings")
 
     def agreeing(self, values: Sequence[float]) -> Array:
-        """Those of values (h,) along the ridge where it agrees with the readings."""
+        """Values (h,) along the ridge, cut to the part that agrees with the readings."""
         share, (low, high) = np.array(self.share), self.agreeing_share
         return np.array(values)[(share >= low) & (share <= high)]
 
 
 class PointCurve(Record):
-    """Displacement of one point over pressure, of the models before and after, and as read."""
+    """Displacement of a point over pressure: initial and final model, and readings."""
 
     point: str
     node: int | None
@@ -65,19 +67,19 @@ class PointCurve(Record):
 
     @property
     def label(self) -> str:
-        """The point with its node."""
+        """Name of the point with its node."""
         return self.point if self.node is None else f"{self.point} (node {self.node})"
 
 
 class PointCurves(Record):
-    """The curves of all points."""
+    """Curves of all points over the pressures in MPa."""
 
     pressure_MPa: list[float]
     points: list[PointCurve]
 
 
 class Study(Record):
-    """What was found."""
+    """Results of a calibration by two points."""
 
     file: ClassVar[str] = "study.json"
     headline: str = Field(default="", description="what was found, in words")
@@ -99,52 +101,38 @@ class Study(Record):
     )
     starts: list[Start] = Field(description="other initial models")
     ridge: RidgeLine = Field(description="the best sum for every share")
-    known: Known = Field(description="what the targets tell of the share")
-    readings: list[ReadingRow] = Field(description="one more reading, best first")
-    plans: list[Several] = Field(description="several more")
+    known: Separation = Field(description="what the targets tell of the share")
+    readings: list[Reading] = Field(description="one more reading, best first")
+    plans: list[Plan] = Field(description="several more")
     curves: PointCurves = Field(description="data of figures 6a and 6b")
     figures: tuple[str, ...] = Field(default=(), description="names of the files")
 
-    def told(self, figures: Sequence[str]) -> "Study":
-        """The same with what was found in words, and the files of its figures."""
-        said = [self._fall, self._along, self.difference, self._others, self._separate]
-        return self.model_copy(
-            update={
-                "headline": self._headline,
-                "sentences": tuple(sentence for sentence in said if sentence),
-                "figures": tuple(figures),
-            }
-        )
+    def worded(self) -> "Study":
+        """Copy with its headline and sentences."""
+        sentences = (self._fall(), self._along(), self.difference, self._published(), self._separation())
+        words = {"headline": self._headline(), "sentences": tuple(s for s in sentences if s)}
+        return self.model_copy(update=words)
 
-    # -- words ----------------------------------------------------------------------------------------------
-
-    @property
-    def separated(self) -> bool:
-        """Whether the targets tell C10 from C01."""
-        return self.known.vague < UNKNOWN
-
-    @property
     def _headline(self) -> str:
-        """What was found, in one sentence."""
-        if self.separated:
+        if self.known.sd < UNKNOWN:
             c = self.final
             return f"The targets fix both constants: C10 = {c.C10:.3g} MPa, C01 = {c.C01:.3g} MPa."
         totals = self.ridge.agreeing(self.ridge.total_MPa)
-        low, high = f"{totals.min():.3g}", f"{totals.max():.3g}"
-        total = low if low == high else f"{low} to {high}"
-        return f"The targets fix the sum C10 + C01 = {total} MPa; how much of it is C01 they cannot tell."
+        ends = dict.fromkeys([f"{totals.min():.3g}", f"{totals.max():.3g}"])
+        return (
+            f"The targets fix the sum C10 + C01 = {' to '.join(ends)} MPa; "
+            "how much of it is C01 they cannot tell."
+        )
 
-    @property
     def _fall(self) -> str:
         a, b = self.initial, self.final
-        assumed = "as stated" if a.stated else "assumed; [study] initial states others"
+        source = "as stated" if a.stated else "assumed; [study] initial states others"
         return (
             f"The RMS error of U{self.component} falls by {self.reduction_percent:.1f} %: from "
-            f"{a.rms_mm:.3g} mm with {_pair(a)} ({assumed}) to {b.rms_mm:.3g} mm with {_pair(b)}, "
+            f"{a.rms_mm:.3g} mm with {a} ({source}) to {b.rms_mm:.3g} mm with {b}, "
             "the best of the genetic algorithm."
         )
 
-    @property
     def _along(self) -> str:
         rms, (low, high) = self.ridge.agreeing(self.ridge.rms_mm), self.ridge.agreeing_share
         return (
@@ -153,8 +141,7 @@ class Study(Record):
             f"{self.measured_sd_mm:.2g} mm."
         )
 
-    @property
-    def _others(self) -> str:
+    def _published(self) -> str:
         if self.published_reduction_percent is None or not self.published_reduction_from_total_MPa:
             return ""
         sums = " or ".join(f"{total:.3g}" for total in self.published_reduction_from_total_MPa)
@@ -163,48 +150,45 @@ class Study(Record):
             f"result: on this finger, initial constants with C10 + C01 = {sums} MPa give it."
         )
 
-    @property
-    def _separate(self) -> str:
-        if self.separated:
+    def _separation(self) -> str:
+        if self.known.sd < UNKNOWN:
             return ""
         inside = next(r for r in self.readings if r.pressure_MPa <= self.pressure_MPa * (1 + 1e-9))
-        best, plan = self.readings[0], min(self.plans, key=lambda p: p.vague)
-        said = [
+        best, plan = self.readings[0], min(self.plans, key=lambda p: p.sd)
+        words = (
             f"To tell C10 from C01 by one reading more, {inside.words} serves best: with all "
-            f"readings exact to {inside.wanted} mm, the sd of the share is {KNOWN:g}."
-        ]
+            f"readings exact to {_mm(inside)}, the sd of the share is {KNOWN:g}."
+        )
         if best is not inside:
-            said.append(f"Beyond the pressure of the test, {best.words} asks for {best.wanted} mm only.")
-        said.append(f"{plan.words} ({plan.count} values) ask for {plan.wanted} mm.")
-        if min(best.vague, plan.vague) > UNKNOWN:
-            said.append(f"Read to {self.measured_sd_mm:.2g} mm, none of these is enough.")
-        return " ".join(said)
+            words += f" Beyond the pressure of the test, {best.words} asks for {_mm(best)} only."
+        words += f" {plan.words} ({plan.count} values) ask for {_mm(plan)}."
+        if min(best.sd, plan.sd) > UNKNOWN:
+            words += f" Read to {self.measured_sd_mm:.2g} mm, none of these is enough."
+        return words
 
 
-def _pair(side: Side) -> str:
-    """C10 and C01 in words."""
-    return f"C10 = {side.C10:.3g}, C01 = {side.C01:.3g} MPa"
+def _mm(s: Separation) -> str:
+    return f"{s.wanted_sd_mm or 0.0:.2g} mm"
 
 
-def page_facts(found: Study) -> dict[str, Any]:
-    """The tables of the report."""
-    published, a, b = found.published, found.initial, found.final
-    top = found.pressure_MPa * (1 + 1e-9)
-    inside, beyond = (
-        [r for r in found.readings if (r.pressure_MPa <= top) == within] for within in (True, False)
-    )
+def page_facts(study: Study) -> dict[str, Any]:
+    """Tables of the report."""
+    published, a, b = study.published, study.initial, study.final
+    top = study.pressure_MPa * (1 + 1e-9)
+    inside = [r for r in study.readings if r.pressure_MPa <= top]
+    beyond = [r for r in study.readings if r.pressure_MPa > top]
     rows = [
         ("initial RMS, mm", a.rms_mm, None),
         ("final RMS, mm", b.rms_mm, None),
-        ("reduction, %", found.reduction_percent, found.published_reduction_percent),
+        ("reduction, %", study.reduction_percent, study.published_reduction_percent),
         ("C10, MPa", b.C10, published and published.C10),
         ("C01, MPa", b.C01, published and published.C01),
         ("C10 + C01, MPa", b.total, published and published.total),
         ("RMS of these constants on this finger, mm", b.rms_mm, published and published.rms_mm),
     ]
     return {
-        "sentences": found.sentences, "starts": found.starts, "known": found.known, "plans": found.plans,
-        "rows": [{"name": name, "here": here, "published": stated} for name, here, stated in rows],
+        "sentences": study.sentences, "starts": study.starts, "known": study.known, "plans": study.plans,
+        "rows": [{"name": name, "here": here, "published": source} for name, here, source in rows],
         "readings": [
             {"within": "up to the pressure of the test", "rows": inside[:SHOWN]},
             {"within": "beyond it, if the finger bears it", "rows": beyond[:SHOWN]},

@@ -1,8 +1,8 @@
-"""A calibrated model and readings that could be added -> how well each would tell C10 from C01.
+"""Separability of C10 and C01: the accuracy of their share after further displacement readings.
 
-To first order a reading adds to the information on the constants the square of its derivative in units of
-its error (Fisher information; for the choice of experiments doi:10.1137/1.9780898719109). No reading is
-simulated, and no error of the model counts: this is what geometry and material allow.
+To first order a reading adds the outer product of its derivative, in units of its error, to the Fisher
+information on the constants (design of experiments: doi:10.1137/1.9780898719109). No reading is simulated and
+the model is taken as exact, so these are limits set by geometry and material.
 """
 
 import math
@@ -14,61 +14,35 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from fe import Path
+from fe import Case, Path
 from twin.effects.protocol import Unsolvable
 from twin.laws.law import Constants
 from twin.model.prediction import Model
 from twin.records import Record
-from twin.targets import Array
+from twin.targets import Array, Targets
 
-LEVELS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)  # of the top pressure at which one could read
-KNOWN = 0.1  # sd of the share C01 / (C10 + C01) at which it is called known
-UNKNOWN = 1 / math.sqrt(12)  # sd of a share of which nothing is known but that it lies between 0 and 1
-SINGULAR = 1e-10  # smallest over largest eigenvalue of an information that determines both
+LEVELS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)  # reading pressures, of the top pressure
+ALONG = 8  # candidate nodes along the line on which the markers sit
+KNOWN = 0.1  # sd of the share C01 / (C10 + C01) below which the constants count as separated
+UNKNOWN = 1 / math.sqrt(12)  # sd of a uniform share between 0 and 1
+SINGULAR = 1e-10  # least ratio of the eigenvalues of an information that determines both constants
 
 
-class Known(Record):
-    """What is known of the share."""
+class Separation(Record):
+    """Accuracy of the share C01 / (C10 + C01) under some readings."""
 
     share_sd: float | None = Field(description="null where it is left open")
     correlation: float
     wanted_sd_mm: float | None = Field(description="error of all readings for a `share_sd` of 0.1")
 
     @property
-    def vague(self) -> float:
-        """The sd of the share, infinite where it is left open."""
+    def sd(self) -> float:
+        """Standard deviation of the share, infinite where it is left open."""
         return math.inf if self.share_sd is None else self.share_sd
 
-    @property
-    def wanted(self) -> str:
-        """The error in mm that is wanted, in words."""
-        return f"{self.wanted_sd_mm or 0.0:.2g}"
 
-
-def knowledge(information: Array, constants: Constants, sd_mm: float) -> dict[str, Any]:
-    """The fields of `Known` from the information (2, 2) on C10 and C01 in 1/MPa2 that readings with an error
-    of sd_mm hold."""
-    sizes = np.linalg.eigvalsh(information)
-    if sizes[0] <= SINGULAR * sizes[1]:
-        return {"share_sd": None, "correlation": -1.0, "wanted_sd_mm": None}
-    covariance = np.linalg.inv(information)
-    slope = np.array([-constants["C01"], constants["C10"]]) / constants.scale**2
-    sd, share_sd = np.sqrt(np.diag(covariance)), math.sqrt(slope @ covariance @ slope)
-    return {"share_sd": share_sd, "correlation": float(covariance[0, 1] / (sd[0] * sd[1])),
-            "wanted_sd_mm": sd_mm * KNOWN / share_sd}  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True)
-class Spot:
-    """A point where one could read: its name, its node and its place (3,) mm."""
-
-    name: str
-    node: int
-    place: Array
-
-
-class ReadingRow(Known):
-    """One reading that could be added, and what is known with it."""
+class Reading(Separation):
+    """A further reading of one displacement, and the separation with it."""
 
     point: str
     node: int
@@ -79,65 +53,140 @@ class ReadingRow(Known):
 
     @property
     def words(self) -> str:
-        """As one would ask for it."""
+        """Instruction for the reading, such as "U1 of tip at 30 kPa"."""
         return f"{self.direction} of {self.point} at {1e3 * self.pressure_MPa:.3g} kPa"
 
 
+class Plan(Separation):
+    """A set of further readings, and the separation with them."""
+
+    words: str
+    count: int
+
+
+def separation(information: Array, constants: Constants, sd_mm: float) -> dict[str, Any]:
+    """Fields of `Separation` from the Fisher information (2, 2) on C10 and C01 in 1/MPa2.
+
+    sd_mm: error of the readings behind it. The share is s = C01 / (C10 + C01), its gradient
+    (-C01, C10) / (C10 + C01)^2, and var(s) = gradient' information^-1 gradient.
+    """
+    eigenvalues = np.linalg.eigvalsh(information)
+    if eigenvalues[0] <= SINGULAR * eigenvalues[1]:
+        return {"share_sd": None, "correlation": -1.0, "wanted_sd_mm": None}
+    covariance = np.linalg.inv(information)
+    gradient = np.array([-constants["C01"], constants["C10"]]) / constants.scale**2
+    sd, share_sd = np.sqrt(np.diag(covariance)), math.sqrt(gradient @ covariance @ gradient)
+    return {"share_sd": share_sd, "correlation": float(covariance[0, 1] / (sd[0] * sd[1])),
+            "wanted_sd_mm": sd_mm * KNOWN / share_sd}  # fmt: skip
+
+
 @dataclass(frozen=True, kw_only=True)
-class Outcomes:
-    """What a model shows at spots and pressures: u (s, p, 3) mm, its derivatives (2, s, p, 3) to C10 and C01
-    in mm/MPa."""
+class Spot:
+    """A point that could be read: its name, its node and its position (3,) mm."""
+
+    name: str
+    node: int
+    place: Array
+
+
+def spots(case: Case, targets: Targets, rows: Sequence[int]) -> tuple[Spot, ...]:
+    """Points of these rows of the targets, and nodes evenly along x on the line through the first of them."""
+    places, near = targets.places(case.position)[rows], 1e-6 * float(np.ptp(case.nodes, axis=0).max())
+    points = [targets.points[r].node or 0 for r in rows]
+    out = [Spot(name=targets.names[r], node=n, place=x) for r, n, x in zip(rows, points, places, strict=True)]
+    line = np.flatnonzero((np.abs(case.nodes[:, 1:] - places[0, 1:]) < near).all(axis=1))
+    x = case.nodes[line, 0]
+    if len(line) >= ALONG:
+        grid = np.linspace(x.min(), x.max(), ALONG + 1)[1:]
+        for row in dict.fromkeys(int(line[np.argmin(np.abs(x - v))]) for v in grid):
+            if (node := int(case.labels[row])) not in points:
+                place = case.nodes[row]
+                out.append(Spot(name=f"x = {place[0]:.0f} mm", node=node, place=place))
+    return tuple(out)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensitivities:
+    """Displacements u (s, p, 3) mm of a model at pressures (s,) MPa and spots (p,), and their derivatives
+    (2, s, p, 3) by C10 and C01 in mm/MPa."""
 
     spots: tuple[Spot, ...]
     pressure: Array
     u: Array
     jacobian: Array
 
-    def information(self, seen: NDArray[np.bool_], sd_mm: float) -> Array:
-        """Information (2, 2) in 1/MPa2 of the readings of a mask (s, p, 3), each with an error of sd_mm."""
-        rows = self.jacobian[:, seen] / sd_mm
+    @staticmethod
+    def of(model: Model, theta: Array, *, spots: Sequence[Spot], top: float) -> "Sensitivities":
+        """Sensitivities at theta (2,) and LEVELS of the top pressure in MPa, as far as equilibria exist.
+        Raises Unsolvable where there is none at the top pressure itself."""
+        path, test = model.test.path, model.test
+        row = path.outside_at(path.output[[int(np.argmax(path.at_output()))]])[0]
+        test = replace(test, points=np.array([s.place for s in spots]), moving=np.ones(len(spots), bool),
+                       names=tuple(s.name for s in spots))  # fmt: skip
+        model = replace(model, reference=np.array([0]), rests=None, parent=None, mesh=None)
+        for levels in (LEVELS[:end] for end in range(len(LEVELS), LEVELS.index(1.0), -1)):
+            pressure, time = top * np.array(levels), np.arange(len(levels) + 1.0)
+            course = Path(time, np.append(0.0, pressure), time, **path.under(row))
+            try:
+                at_levels = replace(model, test=replace(test, path=course))
+                jacobian, u = at_levels.jacobian(theta), at_levels.predict(theta)
+            except Unsolvable:
+                if levels[-1] <= 1.0:
+                    raise
+            else:
+                return Sensitivities(
+                    spots=tuple(spots), pressure=pressure, u=u[1:], jacobian=jacobian[:, 1:]
+                )
+        raise AssertionError
+
+    def information(self, mask: NDArray[np.bool_], sd_mm: float) -> Array:
+        """Fisher information (2, 2) in 1/MPa2 of the readings in a mask (s, p, 3), each with an sd in mm."""
+        rows = self.jacobian[:, mask] / sd_mm
         return np.asarray(rows @ rows.T)
 
+    def readings(self, information: Array, constants: Constants, sd_mm: float) -> list[Reading]:
+        """All single readings, the most informative first. information (2, 2): of the present targets."""
+        rows = []
+        for s, p, i in np.ndindex(self.u.shape):
+            mask, spot = np.zeros(self.u.shape, bool), self.spots[p]
+            mask[s, p, i] = True
+            total = information + self.information(mask, sd_mm)
+            rows.append(
+                Reading(point=spot.name, node=spot.node, x_mm=float(spot.place[0]), direction=f"U{i + 1}",
+                        pressure_MPa=float(self.pressure[s]), u_mm=float(self.u[s, p, i]),
+                        **separation(total, constants, sd_mm))
+            )  # fmt: skip
+        return sorted(rows, key=lambda r: r.sd)
 
-def outcomes(model: Model, theta: Array, *, spots: Sequence[Spot], top: float) -> Outcomes:
-    """What the model at theta (2,) shows at the spots, at shares of a top pressure in MPa as far as there is
-    an equilibrium. Raises Unsolvable where there is none at the top pressure itself."""
-    levels = np.array(LEVELS)
-    while True:
-        try:
-            return _at_levels(model, theta, tuple(spots), top * levels)
-        except Unsolvable:
-            if levels[-1] <= 1.0:
-                raise
-            levels = levels[:-1]
+    def plans(
+        self, information: Array, constants: Constants, sd_mm: float,
+        *, names: Sequence[str], component: int, top: float,
+    ) -> list[Plan]:  # fmt: skip
+        """Sets of further readings up to the top pressure in MPa, the least work first.
+
+        information (2, 2): of the present targets, displacement `component` of the points `names`, which are
+        the first spots.
+        """
+        steps = np.flatnonzero(self.pressure <= top * (1 + 1e-9))
+        points, everywhere = range(len(names)), range(len(self.spots))
+        visible = sorted({0, 2, component})  # a camera that looks along y sees x and z
+        other = [i for i in visible if i != component]
+        ramp = f"at {len(steps)} pressures up to {1e3 * top:.3g} kPa"
+        here, there = " and ".join(names), f"{len(everywhere)} points"
+        designs: list[tuple[str, tuple[Any, Any, Any]]] = [
+            (f"{_u(other)} of {here} at the same pressure", (steps[-1:], points, other)),
+            (f"{_u([component])} of {here} {ramp}", (steps[:-1], points, [component])),
+            (f"{_u(visible)} of {here} {ramp}", (steps, points, visible)),
+            (f"{_u(visible)} of {there} {ramp}", (steps, everywhere, visible)),
+        ]
+        plans = []
+        for words, index in designs:
+            mask = np.zeros(self.u.shape, bool)
+            mask[np.ix_(*index)] = True
+            total = information + self.information(mask, sd_mm)
+            plans.append(Plan(words=words, count=int(mask.sum()), **separation(total, constants, sd_mm)))
+        return plans
 
 
-def _at_levels(model: Model, theta: Array, spots: tuple[Spot, ...], pressure: Array) -> Outcomes:
-    path, test = model.test.path, model.test
-    load, time = np.append(0.0, pressure), np.arange(len(pressure) + 1.0)
-    row = path.outside_at(path.output[[int(np.argmax(path.at_output()))]])[0]
-    course = Path(time, load, time, **path.under(row))
-    places, every = np.array([s.place for s in spots]), np.ones(len(spots), bool)
-    names = tuple(s.name for s in spots)
-    planned = replace(test, path=course, points=places, moving=every, names=names)
-    asked = replace(model, test=planned, reference=np.array([0]), rests=None, parent=None, mesh=None)
-    jacobian, u = asked.jacobian(theta), asked.predict(theta)
-    return Outcomes(spots=spots, pressure=pressure, u=u[1:], jacobian=jacobian[:, 1:])
-
-
-def readings(
-    shown: Outcomes, *, information: Array, constants: Constants, sd_mm: float
-) -> list[ReadingRow]:
-    """Every single reading that could be added, best first. information (2, 2): of what is there."""
-    found = []
-    for index in np.ndindex(shown.u.shape):
-        s, p, i = index
-        seen = np.zeros(shown.u.shape, bool)
-        seen[index] = True
-        spot = shown.spots[p]
-        found.append(
-            ReadingRow(point=spot.name, node=spot.node, x_mm=float(spot.place[0]), direction=f"U{i + 1}",
-                    pressure_MPa=float(shown.pressure[s]), u_mm=float(shown.u[index]),
-                    **knowledge(information + shown.information(seen, sd_mm), constants, sd_mm))
-        )  # fmt: skip
-    return sorted(found, key=lambda r: r.vague)
+def _u(components: Sequence[int]) -> str:
+    return " and ".join(f"U{i + 1}" for i in components)

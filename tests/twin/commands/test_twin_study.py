@@ -25,8 +25,9 @@ from twin.laws.mooneyrivlin import MOONEY_RIVLIN, mooney_rivlin
 from twin.model.structure import BuiltIn
 from twin.numerals import short
 from twin.project.folder import Project, dataset
-from twin.study.numbers import Inquiry
-from twin.study.ridges import Ridge, difference
+from twin.study.identifiability import difference
+from twin.study.reference import Reference
+from twin.study.ridges import Ridge
 
 FIGURES = ("5a", "5b", "5c", "6a", "6b", "6c", "6d")
 NODES = {"tip": (10 + 100 / 3, 11.5, 0.0), "middle": (4 + 50 / 3, 11.5, 0.0)}
@@ -339,7 +340,7 @@ def test_initial_constants_of_twin_toml_are_used(done: Done) -> None:
     assert study is not None
     stated = study.model_copy(update={"initial": {"C10": 0.25, "C01": 0.05}})
     config = done.project.config.model_copy(update={"study": stated})
-    found = Inquiry.of(replace(done.project, config=config), Silent()).study().told(())
+    found = Reference.of(replace(done.project, config=config), Silent()).study()
     assert (found.initial.C10, found.initial.C01) == (0.25, 0.05)
     assert "as stated" in found.sentences[0]
     assert found.reduction_percent == pytest.approx(100 * (1 - found.final.rms_mm / found.initial.rms_mm))

@@ -10,8 +10,7 @@ from twin.effects.material import Elasticity
 from twin.laws.mooneyrivlin import mooney_rivlin
 from twin.model.basemodel import base_model
 from twin.model.prediction import Model
-from twin.study.readings import plans
-from twin.study.separability import UNKNOWN, Known, Outcomes, Spot, knowledge, outcomes, readings
+from twin.study.separability import UNKNOWN, Sensitivities, Separation, Spot, separation
 from twin.targets import Targets, at_node
 
 THETA = np.array([0.15, 0.1])
@@ -42,16 +41,16 @@ def model(short_case: Case) -> Model:
 
 
 @pytest.fixture(scope="module")
-def shown(model: Model, short_case: Case) -> Outcomes:
+def shown(model: Model, short_case: Case) -> Sensitivities:
     points = two_readings(short_case).points
     places = [short_case.position(p.node or 0) for p in points]
     spots = [Spot(name=p.name, node=p.node or 0, place=x) for p, x in zip(points, places)]
-    return outcomes(model, THETA, spots=spots, top=TOP)
+    return Sensitivities.of(model, THETA, spots=spots, top=TOP)
 
 
 def test_knowledge_is_that_of_random_draws() -> None:
     rng, jacobian = np.random.default_rng(3), np.array([[9.0, 4.0], [3.0, 7.0], [5.0, 5.5]])
-    known = knowledge(jacobian.T @ jacobian / 0.02**2, HERE, 0.02)
+    known = separation(jacobian.T @ jacobian / 0.02**2, HERE, 0.02)
     noise = 0.02 * rng.standard_normal((20_000, 3))
     drawn = THETA + np.linalg.lstsq(jacobian, noise.T, rcond=None)[0].T
     share = drawn[:, 1] / drawn.sum(axis=1)
@@ -59,16 +58,16 @@ def test_knowledge_is_that_of_random_draws() -> None:
     assert known["share_sd"] == pytest.approx(share.std(), rel=0.02)
     assert known["correlation"] == pytest.approx(np.corrcoef(drawn.T)[0, 1], abs=0.02)
     wanted = known["wanted_sd_mm"]
-    assert knowledge(jacobian.T @ jacobian / wanted**2, HERE, wanted)["share_sd"] == pytest.approx(0.1)
+    assert separation(jacobian.T @ jacobian / wanted**2, HERE, wanted)["share_sd"] == pytest.approx(0.1)
 
 
 def test_one_reading_leaves_the_share_open() -> None:
-    known = Known(**knowledge(np.outer([9.0, 4.0], [9.0, 4.0]), HERE, 1.0))
+    known = Separation(**separation(np.outer([9.0, 4.0], [9.0, 4.0]), HERE, 1.0))
     assert (known.share_sd, known.wanted_sd_mm, known.correlation) == (None, None, -1.0)
-    assert (known.vague, known.wanted) == (math.inf, "0")
+    assert known.sd == math.inf
 
 
-def test_derivatives_are_those_of_the_model(model: Model, shown: Outcomes) -> None:
+def test_derivatives_are_those_of_the_model(model: Model, shown: Sensitivities) -> None:
     assert shown.pressure[-1] > TOP
     top = int(np.argmin(np.abs(shown.pressure - TOP)))
     for k, h in enumerate(1e-3 * np.eye(2)):
@@ -78,34 +77,34 @@ def test_derivatives_are_those_of_the_model(model: Model, shown: Outcomes) -> No
     np.testing.assert_allclose(shown.u[top], model.predict(THETA)[1], atol=1e-5)
 
 
-def test_readings_come_best_first_and_none_makes_it_worse(shown: Outcomes) -> None:
+def test_readings_come_best_first_and_none_makes_it_worse(shown: Sensitivities) -> None:
     seen = np.zeros(shown.u.shape, bool)
     seen[int(np.argmin(np.abs(shown.pressure - TOP))), :, 2] = True
     information = shown.information(seen, 1.0)
-    now = Known(**knowledge(information, HERE, 1.0))
-    assert now.vague > 10 * UNKNOWN
+    now = Separation(**separation(information, HERE, 1.0))
+    assert now.sd > 10 * UNKNOWN
     assert now.correlation < -0.999
-    found = readings(shown, information=information, constants=HERE, sd_mm=1.0)
+    found = shown.readings(information, HERE, 1.0)
     assert len(found) == shown.u.size
-    sds = [r.vague for r in found]
+    sds = [r.sd for r in found]
     assert sds == sorted(sds)
-    assert sds[0] < 0.5 * now.vague
-    assert sds[-1] <= now.vague * (1 + 1e-6)
+    assert sds[0] < 0.5 * now.sd
+    assert sds[-1] <= now.sd * (1 + 1e-6)
     best = found[0]
     p, i = [s.name for s in shown.spots].index(best.point), int(best.direction[1]) - 1
     row = shown.jacobian[:, int(np.flatnonzero(shown.pressure == best.pressure_MPa)[0]), p, i]
     # every one of them by hand: the information of a row is its outer product
-    by_hand = knowledge(information + np.outer(row, row), HERE, 1.0)
+    by_hand = separation(information + np.outer(row, row), HERE, 1.0)
     assert by_hand == {name: getattr(best, name) for name in by_hand}
 
 
-def test_plans_hold_the_readings_that_they_name(shown: Outcomes) -> None:
+def test_plans_hold_the_readings_that_they_name(shown: Sensitivities) -> None:
     seen = np.zeros(shown.u.shape, bool)
     seen[int(np.argmin(np.abs(shown.pressure - TOP))), :, 2] = True
     information = shown.information(seen, 1.0)
-    some = plans(shown, information=information, constants=HERE, sd_mm=1.0, names=("tip", "middle"), component=2, top=TOP)
+    some = shown.plans(information, HERE, 1.0, names=("tip", "middle"), component=2, top=TOP)
     levels = int((shown.pressure <= TOP * (1 + 1e-9)).sum())
     assert [p.count for p in some] == [2, 2 * (levels - 1), 4 * levels, 4 * levels]
     assert some[0].words == "U1 of tip and middle at the same pressure"
     assert "kPa" in some[2].words
-    assert some[2].vague < some[0].vague
+    assert some[2].sd < some[0].sd

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibrate import Fit, Parameter, least_squares
-from twin.study.known import at_all_bounds
+from twin.study.identifiability import at_all_bounds
 
 BOTH = (Parameter("C10", 0.01, 1.0, "MPa"), Parameter("C01", 0.0, 0.5, "MPa"))
 

@@ -11,7 +11,7 @@ import pytest
 from calibrate import Fit, Parameter, least_squares
 from tests.twin.conftest import Lines
 from twin.project.folder import Run
-from twin.study.severalstarts import several_starts
+from twin.study.multistart import several_starts
 from twin.targets import Array
 
 BOTH = (Parameter("C10", 0.01, 0.5, "MPa", typical=0.02), Parameter("C01", 0.0, 0.5, "MPa", typical=0.02))
