@@ -32,6 +32,6 @@ def _row(row: MaterialTestRow) -> str:
 def write_curves(run: Run, found: MaterialTestsRow | None) -> None:
     """Write material-tests.png into a run: measured and fitted nominal stress; nothing without tests."""
     if found is not None:
-        from twin.drawing.curveplot import draw_curves
+        from twin.drawing.fitplots import draw_curves
 
         run.write_bytes(PICTURE, draw_curves(found.tests))

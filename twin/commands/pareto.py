@@ -15,7 +15,7 @@ from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
 from twin.bench.tradingoff import Keep, SolvedFit, TradeOff, masks_of, misfits, trade_off
 from twin.bench.workbench import Workbench
-from twin.drawing.paretoplot import draw_front
+from twin.drawing.fitplots import draw_front
 from twin.judging.record import FitRecord
 from twin.messages import Say
 from twin.numerals import short

@@ -23,7 +23,7 @@ from twin.bench.profiling import Profiler, profiled_names, sd_of
 from twin.bench.sampling import Sample, Sampler, WholeSolve
 from twin.bench.workbench import Workbench
 from twin.commands.profile import ProfilesRecord
-from twin.drawing.posteriorplot import draw_band, draw_corner
+from twin.drawing.uncertaintyplots import draw_band, draw_corner
 from twin.judging.likelihood import held
 from twin.judging.record import FitRecord
 from twin.judging.whitening import Whitener

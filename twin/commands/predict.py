@@ -32,7 +32,7 @@ from twin.commands.predictobject import (
     told,
 )
 from twin.drawing.deformed import write_vtu_series
-from twin.drawing.predictionplot import draw_prediction
+from twin.drawing.uncertaintyplots import draw_prediction
 from twin.effects.loads import Gravity
 from twin.effects.protocol import Order
 from twin.gauge.pressurelog import read_log

@@ -19,7 +19,7 @@ from twin.bench.fits import fit_file
 from twin.bench.predicting import NORMAL, why_none
 from twin.bench.profiling import ENDS, Profiler, profiled_names, sd_of
 from twin.bench.workbench import Workbench
-from twin.drawing.profileplot import ProfileCurve, draw_profiles
+from twin.drawing.uncertaintyplots import ProfileCurve, draw_profiles
 from twin.judging.likelihood import held
 from twin.judging.record import FitRecord
 from twin.messages import Say

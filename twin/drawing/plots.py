@@ -1,4 +1,4 @@
-"""Turns arrays into plots, each an SVG text: white ground, colours that survive colour blindness, units.
+"""Plots of displacements, residuals and errors, each an SVG text, readable with every colour vision.
 
 NaN is a gap everywhere. The text of a picture depends on its data alone (no date, no random ids).
 """
@@ -25,6 +25,7 @@ from twin.drawing.theme import (
 from twin.targets import Array
 
 AXES_NAMES = ("U1", "U2", "U3")
+SEEN = [0, 2]  # components that one camera sees
 
 
 def displacements(
@@ -59,43 +60,29 @@ def displacements(
         return svg(figure)
 
 
-def residual_map(
-    time_s: Array,
-    *,
-    maps: Mapping[str, Array],
-    names: Sequence[str],
-    unit: str = "sd",
-    components: Sequence[int] = (0, 2),
-) -> str:
-    """Measured minus model, markers against film time, a row per component and a column per map.
+def residual_pictures(
+    time_s: Array, *, maps: Mapping[str, Array], names: Sequence[str], unit: str
+) -> tuple[str, bytes]:
+    """Measured minus model, markers against film time, a row per component and a column per map: SVG and PNG.
 
     time_s (s,) s; maps {title: residual (s,p,3)} in `unit`; names (p,). The colours end at the 98th
     percentile of all sizes. Grey: not observed.
     """
     with style({"axes.grid": False}):
-        return svg(_residuals(time_s, maps=maps, names=names, unit=unit, components=components))
-
-
-def residual_pictures(
-    time_s: Array, *, maps: Mapping[str, Array], names: Sequence[str], unit: str
-) -> tuple[str, bytes]:
-    """The same, and as a PNG file."""
-    with style({"axes.grid": False}):
-        return both(_residuals(time_s, maps=maps, names=names, unit=unit, components=(0, 2)))
+        return both(_residuals(time_s, maps=maps, names=names, unit=unit))
 
 
 def _residuals(
-    time_s: Array, *, maps: Mapping[str, Array], names: Sequence[str], unit: str, components: Sequence[int]
+    time_s: Array, *, maps: Mapping[str, Array], names: Sequence[str], unit: str
 ) -> Figure:
-    shown = np.concatenate([np.abs(r[..., list(components)]).ravel() for r in maps.values()])
-    shown = shown[np.isfinite(shown)]
-    top = float(np.quantile(shown, 0.98)) if len(shown) else 1.0
-    top = top if top > 0.0 else 1.0
-    height = 0.7 + len(components) * (0.25 + 0.2 * len(names))
+    sizes = np.concatenate([np.abs(r[..., SEEN]).ravel() for r in maps.values()])
+    sizes = sizes[np.isfinite(sizes)]
+    top = (float(np.quantile(sizes, 0.98)) if len(sizes) else 0.0) or 1.0
+    height = 0.7 + len(SEEN) * (0.25 + 0.2 * len(names))
     figure = Figure(figsize=(7.6, height), layout="constrained")
-    grid = figure.subplots(len(components), len(maps), sharex=True, sharey=True, squeeze=False)
+    grid = figure.subplots(len(SEEN), len(maps), sharex=True, sharey=True, squeeze=False)
     for column, (title, residual) in enumerate(maps.items()):
-        for row, i in enumerate(components):
+        for row, i in enumerate(SEEN):
             axes = grid[row, column]
             image = _heat(axes, time_s, residual[..., i].T, top=top)
             axes.set_title(f"{title}: {AXES_NAMES[i]}")
@@ -131,12 +118,12 @@ def falling_pictures(rows: Fall, *, expected_mm: float) -> tuple[str, bytes]:
 
 def _falling(rows: Fall, expected_mm: float) -> Figure:
     values, cleaned = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
-    known = np.array([*values, *cleaned, expected_mm])
-    known = known[np.isfinite(known)]
+    sizes = np.array([*values, *cleaned, expected_mm])
+    sizes = sizes[np.isfinite(sizes)]
     figure = Figure(figsize=(4.6, 0.55 + 0.36 * (len(rows) + 1)), layout="constrained")
     axes = figure.subplots()
-    least = 0.6 * float(known[known > 0].min()) if (known > 0).any() else 0.0
-    wide = len(known) > 0 and least > 0 and known.max() > 20 * least
+    least = 0.6 * float(sizes[sizes > 0].min()) if (sizes > 0).any() else 0.0
+    wide = len(sizes) > 0 and least > 0 and sizes.max() > 20 * least
     start = least if wide else 0.0
     for row, value in enumerate(np.nan_to_num(values)):
         after = values[row + 1] if row + 1 < len(values) and np.isfinite(values[row + 1]) else value
@@ -157,7 +144,7 @@ def _falling(rows: Fall, expected_mm: float) -> Figure:
     _bare(axes)
     if wide:
         axes.set_xscale("log")
-        axes.set_xlim(least, known.max() * (known.max() / least) ** 0.3)
+        axes.set_xlim(least, sizes.max() * (sizes.max() / least) ** 0.3)
     axes.minorticks_off()
     axes.set_xticks([])
     axes.set_title("RMS error (without shared errors)" + (", logarithmic" if wide else ""))

@@ -45,6 +45,7 @@ STYLE: dict[str, Any] = {
     "legend.frameon": False,
     "legend.handlelength": 1.6,
 }
+COLUMNS = 3  # panels in a row
 LINE = 0.15  # of the height of a plot is what a line of text needs in the smallest of them
 FONTS = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, 'DejaVu Sans', sans-serif"
 
@@ -82,6 +83,23 @@ def both(figure: Figure) -> tuple[str, bytes]:
     text = svg(figure)
     figure.set_layout_engine("none")
     return text, png(figure)
+
+
+def panels(
+    count: int, *, size: tuple[float, float], border: tuple[float, float], least: float, sharey: bool = False
+) -> tuple[Figure, list[Axes], list[Axes]]:
+    """Figure with a grid of `count` panels, at most COLUMNS in a row, and the first panel of every row.
+
+    size, border: width and height in inches of a panel and around all; least: smallest width of the figure.
+    """
+    columns = min(COLUMNS, count)
+    rows = -(-count // columns)
+    width, height = max(size[0] * columns + border[0], least), size[1] * rows + border[1]
+    figure = Figure(figsize=(width, height), layout="constrained")
+    grid = list(figure.subplots(rows, columns, sharey=sharey, squeeze=False).ravel())
+    for axes in grid[count:]:
+        axes.set_axis_off()
+    return figure, grid[:count], grid[::columns]
 
 
 def legend_above(figure: Figure, axes: Axes) -> None:

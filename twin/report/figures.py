@@ -7,7 +7,7 @@ import numpy as np
 from twin import files
 from twin.diagnosis.record import ForetoldFilm
 from twin.drawing import plots, studyplots
-from twin.drawing.curveplot import draw_curves
+from twin.drawing.fitplots import draw_curves
 from twin.report.found import CHANGES, Story, calibration_file
 from twin.report.page import Picture
 from twin.study.record import page_facts

@@ -85,7 +85,7 @@ def several_starts(on: OnPaths, near: Array, count: int, run: Run, say: Say) -> 
     ends = waterfall(fit, latin(parameters, count, seed=seed))
     if ends[0].fit is None:
         raise ValueError("--starts: from none of them has the model an equilibrium; widen [calibrate] bounds")
-    from twin.drawing.startsplot import draw_starts
+    from twin.drawing.fitplots import draw_starts
 
     run.write_bytes(PICTURE, draw_starts(np.array([end.chi2 for end in ends]), same=SAME))
     return Starts(ends)

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from twin.records import Reach, Record
-from twin.study.separability import KNOWN, UNKNOWN, Plan, Reading, Separation
+from twin.study.separability import KNOWN, UNKNOWN, FurtherReading, FurtherReadings, Separation
 from twin.targets import Array
 
 SHOWN = 6  # readings in the report, within the pressure of the test and beyond
@@ -102,8 +102,8 @@ class Study(Record):
     starts: list[Start] = Field(description="other initial models")
     ridge: RidgeLine = Field(description="the best sum for every share")
     known: Separation = Field(description="what the targets tell of the share")
-    readings: list[Reading] = Field(description="one more reading, best first")
-    plans: list[Plan] = Field(description="several more")
+    readings: list[FurtherReading] = Field(description="one more reading, best first")
+    plans: list[FurtherReadings] = Field(description="several more")
     curves: PointCurves = Field(description="data of figures 6a and 6b")
     figures: tuple[str, ...] = Field(default=(), description="names of the files")
 

@@ -41,7 +41,7 @@ class Separation(Record):
         return math.inf if self.share_sd is None else self.share_sd
 
 
-class Reading(Separation):
+class FurtherReading(Separation):
     """A further reading of one displacement, and the separation with it."""
 
     point: str
@@ -57,7 +57,7 @@ class Reading(Separation):
         return f"{self.direction} of {self.point} at {1e3 * self.pressure_MPa:.3g} kPa"
 
 
-class Plan(Separation):
+class FurtherReadings(Separation):
     """A set of further readings, and the separation with them."""
 
     words: str
@@ -144,7 +144,7 @@ class Sensitivities:
         rows = self.jacobian[:, mask] / sd_mm
         return np.asarray(rows @ rows.T)
 
-    def readings(self, information: Array, constants: Constants, sd_mm: float) -> list[Reading]:
+    def readings(self, information: Array, constants: Constants, sd_mm: float) -> list[FurtherReading]:
         """All single readings, the most informative first. information (2, 2): of the present targets."""
         rows = []
         for s, p, i in np.ndindex(self.u.shape):
@@ -152,16 +152,18 @@ class Sensitivities:
             mask[s, p, i] = True
             total = information + self.information(mask, sd_mm)
             rows.append(
-                Reading(point=spot.name, node=spot.node, x_mm=float(spot.place[0]), direction=f"U{i + 1}",
-                        pressure_MPa=float(self.pressure[s]), u_mm=float(self.u[s, p, i]),
-                        **separation(total, constants, sd_mm))
+                FurtherReading(
+                    point=spot.name, node=spot.node, x_mm=float(spot.place[0]), direction=f"U{i + 1}",
+                    pressure_MPa=float(self.pressure[s]), u_mm=float(self.u[s, p, i]),
+                    **separation(total, constants, sd_mm),
+                )
             )  # fmt: skip
         return sorted(rows, key=lambda r: r.sd)
 
     def plans(
         self, information: Array, constants: Constants, sd_mm: float,
         *, names: Sequence[str], component: int, top: float,
-    ) -> list[Plan]:  # fmt: skip
+    ) -> list[FurtherReadings]:  # fmt: skip
         """Sets of further readings up to the top pressure in MPa, the least work first.
 
         information (2, 2): of the present targets, displacement `component` of the points `names`, which are
@@ -184,7 +186,8 @@ class Sensitivities:
             mask = np.zeros(self.u.shape, bool)
             mask[np.ix_(*index)] = True
             total = information + self.information(mask, sd_mm)
-            plans.append(Plan(words=words, count=int(mask.sum()), **separation(total, constants, sd_mm)))
+            accuracy = separation(total, constants, sd_mm)
+            plans.append(FurtherReadings(words=words, count=int(mask.sum()), **accuracy))
         return plans
 
 

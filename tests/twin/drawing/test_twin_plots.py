@@ -28,9 +28,9 @@ PLOTS: dict[str, Callable[[], str]] = {
     "displacements": lambda: plots.displacements(
         TIME, measured=MEASURED, models={"model before": BEFORE, "model after": AFTER}, names=MARKERS
     ),
-    "residual_map": lambda: plots.residual_map(
+    "residual_map": lambda: plots.residual_pictures(
         TIME, maps={"before": MEASURED - BEFORE, "after creep": GAPS}, names=MARKERS, unit="mm"
-    ),
+    )[0],
     "best_error": lambda: studyplots.best_error(np.arange(1, 21), rms_mm=58.0 * 0.6 ** np.arange(20)),
     "best_constants": lambda: studyplots.best_constants(
         np.arange(1, 21), best=np.full((20, 2), [0.214, np.nan]), names=("C10", "C01")
@@ -97,7 +97,7 @@ def test_the_same_data_give_the_same_text(name: str) -> None:
 
 def test_plots_of_nothing_but_gaps_are_drawn() -> None:
     plots.displacements(TIME, measured=GAPS, models={}, names=MARKERS)
-    plots.residual_map(TIME[:1], maps={"before": GAPS[:1]}, names=MARKERS)
+    plots.residual_pictures(TIME[:1], maps={"before": GAPS[:1]}, names=MARKERS, unit="sd")
     studyplots.valley(np.ones((3, 2)), rms_mm=np.full(3, np.nan), marks={}, names=("C10", "C01"))
     assert "not known" in words(plots.falling([("calibrated", np.nan, np.nan)], expected_mm=0.05))
 

@@ -1,0 +1,94 @@
+"""Plots of fits, each a PNG: ends of least squares from many starts, material tests, a Pareto front."""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from twin.drawing.theme import (
+    AFTER,
+    BEFORE,
+    EXTRA,
+    MEASURED,
+    MUTED,
+    NOISE,
+    legend_above,
+    panels,
+    png,
+    style,
+)  # fmt: skip
+from twin.judging.record import MaterialTestRow
+from twin.targets import Array
+
+LEAST = 1e-3  # least chi2 above the best on the logarithmic axis
+
+
+def draw_starts(chi2: Array, *, same: float) -> bytes:
+    """Waterfall plot of the chi2 (m,) at the ends of least squares, in rising order, above the lowest.
+
+    same: chi2 above the lowest up to which an end is as good as the best. Starts without an end (inf) are
+    counted in the label of the axis.
+    """
+    ends = chi2[np.isfinite(chi2)]
+    above = np.maximum(ends - ends.min(initial=np.inf), LEAST) if len(ends) else ends
+    best, number = above <= same, np.arange(1, len(ends) + 1)
+    lost = len(chi2) - len(ends)
+    with style():
+        figure = Figure(figsize=(5.2, 3.0), layout="constrained")
+        axes = figure.subplots()
+        axes.plot(number, above, color=MUTED, linewidth=0.8)
+        axes.plot(number[best], above[best], "o", color=AFTER, markersize=5, label="at the best")
+        axes.plot(number[~best], above[~best], "o", color=BEFORE, markersize=5, label="elsewhere")
+        axes.axhline(same, color=MUTED, linestyle=":", linewidth=1.0)
+        axes.set_yscale("log")
+        axes.set_ylim(LEAST / 2, 2 * max(float(above.max(initial=same)), 10 * same))
+        axes.set_xlabel("start, the best end first" + (f"; {lost} without an end" if lost else ""))
+        axes.set_ylabel("chi2 above the lowest")
+        legend_above(figure, axes)
+        return png(figure)
+
+
+def draw_curves(tests: Sequence[MaterialTestRow]) -> bytes:
+    """Nominal stress over strain of each material test: measured with 1 sd, and the fitted law."""
+    with style():
+        figure, grid, left = panels(len(tests), size=(2.8, 2.4), border=(0.4, 0.4), least=4.8)
+        for axes, test in zip(grid, tests, strict=True):
+            strain, order = 100 * np.array(test.strain), np.argsort(test.strain)
+            axes.errorbar(strain, test.stress_MPa, yerr=test.sd_MPa, fmt="o", color=MEASURED, markersize=3.0,
+                          linewidth=0.8, label="measured, 1 sd")  # fmt: skip
+            axes.plot(strain[order], np.array(test.fitted_MPa)[order], color=AFTER, label="law of the fit")
+            axes.set_title(f"{test.name} ({test.kind})")
+            axes.set_xlabel("amount of shear, %" if test.kind == "shear" else "nominal strain, %")
+        for axes in left:
+            axes.set_ylabel("nominal stress, MPa")
+        legend_above(figure, grid[0])
+        return png(figure)
+
+
+def draw_front(
+    names: Sequence[str], *, front: Array, solved: Array, knee: int, fit: Array, noise: Array
+) -> bytes:
+    """Misfits over their errors, a panel for each pair of the m objectives.
+
+    front (n, m): by the response; solved (k, m): by whole solves, with the index of the knee; fit (m,): of
+    the one fit; noise (m,): misfits up to which an objective is as good as fitted alone.
+    """
+    pairs = list(combinations(range(len(names)), 2))
+    with style():
+        figure, grid, _ = panels(len(pairs), size=(3.2, 3.0), border=(0.0, 0.5), least=7.0)
+        for axes, (i, k) in zip(grid, pairs, strict=True):
+            axes.axvspan(0, noise[i], color=NOISE, alpha=0.15, linewidth=0)
+            axes.axhspan(0, noise[k], color=NOISE, alpha=0.15, linewidth=0, label="within noise of its best")
+            axes.plot(front[:, i], front[:, k], ".", color=MEASURED, markersize=4, label="response")
+            axes.plot(solved[:, i], solved[:, k], "o", color=AFTER, markersize=4.5, label="solved")
+            axes.plot(*solved[knee, [i, k]], "D", color=EXTRA, markersize=6, label="knee")
+            axes.plot(fit[i], fit[k], "*", color=BEFORE, markersize=11, label="the one fit")
+            for n, set_limits in ((i, axes.set_xlim), (k, axes.set_ylim)):
+                low, high = min(solved[:, n].min(), fit[n]), max(solved[:, n].max(), fit[n], noise[n])
+                room = 0.08 * (high - low) or 0.1 * high
+                set_limits(low - room, high + room)
+            axes.set_xlabel(f"misfit of {names[i]} over its errors")
+            axes.set_ylabel(f"misfit of {names[k]} over its errors")
+        legend_above(figure, grid[0])
+        return png(figure)
