@@ -12,7 +12,6 @@ from twin.bench.workbench import law_of_project
 from twin.commands.calibrate import run_calibrate
 from twin.commands.review import run_review
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
-from twin import files
 from twin.messages import Say
 from twin.project.folder import Project
 from twin.study.reference import FIGURES, Reference, file_of

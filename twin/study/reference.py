@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from calibrate import Fit
+from twin import files
 from twin.bench.fits import fresh
 from twin.bench.workbench import Workbench
 from twin.drawing import studyplots
@@ -17,9 +18,8 @@ from twin.judging.fitting import whitener_of
 from twin.judging.record import FitRecord
 from twin.laws.law import Constants
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES, NOMINAL, mooney_rivlin
-from twin import files
-from twin.project.config import StudyTable
 from twin.messages import Say
+from twin.project.config import StudyTable
 from twin.project.folder import Project
 from twin.review.states import Generations
 from twin.study.identifiability import difference
