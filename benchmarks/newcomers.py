@@ -7,9 +7,8 @@
 `notebook`: the example of docs/python.md, run twice; `deck`: the calibrated finger as an Abaqus deck, made a
 project again; `prediction`: what `predict` and `export` are asked; `own effect`: the example of
 docs/own-effect.md. Of each: how many commands, how many were refused, and the processor's seconds.
-`coverage_predict` and `surrogate_pull` are those of `foretelling.py` and `diagnosis/response.py` as they
-stand in benchmarks/results; `export_tip_error` is how far ccx and the model are apart at the tip, of its
-displacement (null without ccx); `install_mb` that of `docs/installsize.py`. About eight minutes.
+`export_tip_error` is how far ccx and the model are apart at the tip, of its displacement (null without ccx).
+About eight minutes.
 """
 
 import json
@@ -28,7 +27,6 @@ sys.path.insert(0, os.path.abspath(f"{__file__}/../.."))
 from benchmarks import ROOT
 from benchmarks.chain import STAGES, TWIN, fresh
 from benchmarks.commandline import options, processor
-from benchmarks.diagnosis.fullruns import Quiet
 
 import numpy as np
 
@@ -41,12 +39,12 @@ from twin.bench.predicting import WantedCourse, followed
 from twin.bench.workbench import Workbench
 from twin.bodies.finger import FingerTable
 from twin.judging.record import FitRecord
+from twin.messages import Silent
 from twin.project.folder import Project, dataset
 from twin.project.toml import with_key
 from twin.targets import PointKind
 from twin.validation import decoded
 
-RESULTS = ROOT / "benchmarks" / "results"
 CREEP = ((0.06, 3.0),)  # hidden in the table: 6 % of the stiffness relax with 3 s
 PRESSED = "10kPa"
 
@@ -202,7 +200,7 @@ def tip_error(folder: Path) -> float | None:
     solved = engine.run(made.read_text(encoding="utf-8"))
     bench, record = Workbench.of(project), files.read(FitRecord, fit_file(project))
     course = WantedCourse.held(float(bench.targets.log_pressure.max()), ramp_s=2.0, hold_s=2.0)
-    own, model = followed(bench, record, [course], {}, Quiet())
+    own, model = followed(bench, record, [course], {}, Silent())
     away = np.linalg.norm(bench.case.nodes - at(bench, "tip"), axis=1)
     row = int(np.where(np.isin(bench.case.labels, solved.labels), away, np.inf).argmin())
     here = model.on_mesh(None).solution(record.fit.theta).fields([len(own.time) - 1])[0][row]
@@ -213,15 +211,6 @@ def tip_error(folder: Path) -> float | None:
 def at(bench: Workbench, name: str) -> Any:
     """The place (3,) mm of a point on the finger at rest."""
     return bench.targets.places(bench.case.position)[bench.targets.names.index(name)]
-
-
-def stored(name: str, *keys: str) -> Any:
-    """A figure of another benchmark, as it stands in benchmarks/results."""
-    path = RESULTS / name
-    found: Any = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
-    for key in keys:
-        found = found.get(key) if isinstance(found, dict) else None
-    return found
 
 
 def main() -> int:
@@ -237,24 +226,13 @@ def main() -> int:
             found[name] = {"commands": len(walk.typed), "refused": len(walk.refused), "cpu_s": spent}
             print(f"{name}: {found[name]}", file=sys.stderr, flush=True)
         error = tip_error(Path(folder))
-    from benchmarks.foretelling import ROWS, told
-
-    figures = {
-        "paths": found,
-        "coverage_predict": told(ROWS.every()).get("coverage"),
-        "surrogate_pull": stored("response.json", "response_pull"),
-        "export_tip_error": error,
-        "install_mb": stored("install.json", "install_mb"),
-    }
     if typed.json:
-        print(json.dumps(figures))
+        print(json.dumps({"paths": found, "export_tip_error": error}))
     else:
         print(f"{'path':14s} commands  refused   cpu_s")
         for name, row in found.items():
             print(f"{name:14s} {row['commands']:8d} {row['refused']:8d} {row['cpu_s']:7.1f}")
-        for name, value in figures.items():
-            if name != "paths":
-                print(f"{name}: {value}")
+        print(f"export_tip_error: {error}")
     return int(any(row["refused"] for row in found.values()))
 
 

@@ -7,8 +7,7 @@ meshed by the lattice that follows from them, and solved at the pressure at whic
 its first response, has a strain of STRAIN. Of the first six whose mesh divided by 3 has 100 000 nodes,
 the tip's motion is compared with its limit, to which that lattice, divided by 1, 2 and 3, extrapolates; where
 the three show no order, with that of the finest.
-drift: `drift.py`. kills: of `twin recalibrate`, `tests/strangers/kills.py`. study: `../study.py`. films:
-`films.py`. review: `review.py`, on the demo.
+drift: `drift.py`. kills: of `twin recalibrate`, `tests/strangers/kills.py`. review: `review.py`, on the demo.
 --quick: a few of each. Without it the geometries alone take about half an hour of one core.
 """
 
@@ -21,11 +20,9 @@ from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.batches.drift import drift
-from benchmarks.batches.films import films
 from benchmarks.batches.review import review
 from benchmarks.commandline import parts
 from benchmarks.kernel.convergence import REFINEMENTS, SILICONE, extrapolate
-from benchmarks.study import study_figures
 
 import numpy as np
 
@@ -178,17 +175,9 @@ def geometries(quick: bool) -> dict[str, Any]:
     }
 
 
-def study(quick: bool) -> dict[str, Any]:
-    """How many of the study's figures its report shows."""
-    del quick
-    return {"study_figures": study_figures()}
-
-
 PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {
     "geometries": geometries,
     "drift": drift,
-    "study": study,
-    "films": films,
     "review": review,
     "kills": recalibrations,
 }

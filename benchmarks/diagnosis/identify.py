@@ -1,17 +1,15 @@
-"""How often is the diagnosis right? Virtual trials on the short finger, with intervals, and simpler rules
-beside.
+"""How often is the diagnosis right? Virtual trials on the short finger, with intervals.
 
     python benchmarks/diagnosis/identify.py [--quick] [--json] [--folder DIR] [--only GROUP ..] [--share K/N]
-        [--workers N] [--cluster WHERE] [--frozen COMMIT]
+        [--workers N] [--cluster WHERE]
 
 Every trial hides something of a stated non-centrality in a truth of another mesh and element
 (`snapshots.py` beside it), draws noise and markers, and runs `twin.diagnosis.procedure.diagnose` on a model
 that looks its answers up in tables of the fitted mesh (`bank.py`). Groups `fresh ..` have seeds that no rule
 was made on, `left out` the unknown kinds without the stand-ins of their kind, `later` the kinds of
 `laterkinds.py`. Results go to a file as they come (--folder), so that the command goes on where it was
-stopped; those of another rule are run again. The table is written to `benchmarks/results/identify.json`, with
-what other scripts found (`collected.py`). --quick: a tenth of the trials, as many as four minutes hold, not
-written.
+stopped; those of another rule are run again. The table is written to `benchmarks/results/identify.json`.
+--quick: a tenth of the trials, as many as four minutes hold, not written.
 """
 
 import json
@@ -29,21 +27,19 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
+from benchmarks import ROOT
 from benchmarks.commandline import options
-from benchmarks.diagnosis.collected import RESULTS, accepted, collected, frozen_by
 from benchmarks.diagnosis.laterkinds import KINDS_LATER, STAND_INS_LATER
 from benchmarks.diagnosis.tally import CLEAR, summary
 from benchmarks.diagnosis.trialbench import (
     EVERY,
-    RULE,
     Scene,
     Sight,
     Spec,
     attempted,
     cosine,
-    git,
-    in_history,
     largest,
+    rule,
 )
 
 import numpy as np
@@ -54,7 +50,7 @@ from twin.executors.local import Processes
 from twin.targets import Array
 from twin.virtual.hidden import KINDS, Kind
 
-TABLE = RESULTS / "identify.json"
+TABLE = ROOT / "benchmarks" / "results" / "identify.json"
 PLAIN = (10.0, 30.0, 100.0)  # sizes at which an effect ought to be named
 FAINT = (3.0, 5.0)  # and at which it need not be: the foot of the power curve
 GRAVITY = ("gravity",)
@@ -171,24 +167,14 @@ def _pairs(group: str, count: int, first: int, seed: int) -> list[Spec]:
     return out
 
 
-def done(folder: Path, commit: str) -> list[dict[str, Any]]:
-    """The results in a folder by today's rule or a commit's, one a line of its files; a line that was cut
-    off is none."""
-    rows, counted = [], accepted(commit)
+def done(folder: Path) -> list[dict[str, Any]]:
+    """The results in a folder by today's rule, one a line of its files; a line that was cut off is none."""
+    rows = []
     for file in sorted(folder.glob("*.jsonl")):
         for line in file.read_text(encoding="utf-8").splitlines():
             if line.endswith("}"):
                 rows.append(json.loads(line))
-    return [row for row in rows if row.get("rule") in counted]
-
-
-def frozen(commit: str) -> dict[str, Any]:
-    """The commit by which the rule was frozen, and the files of it that have changed since; None where the
-    history does not have it."""
-    if not commit or not in_history(commit):
-        return {"frozen": commit or None, "changed_since": None}
-    full = git("rev-parse", commit).strip()
-    return {"frozen": full, "changed_since": git("diff", "--name-only", full, "--", *RULE).split()}
+    return [row for row in rows if row.get("rule") == rule()]
 
 
 def ran(todo: Sequence[Spec], file: Path, *, until: float, tell: bool) -> Iterable[dict[str, Any]]:
@@ -212,7 +198,6 @@ def main() -> int:
         "--share": ("1/1", "which part of the trials to run: 1/2, 2/2"),
         "--workers": (1, "processes"),
         "--cluster": (str, "instead: tcp://HOST:8786, scheduler.json, slurm.toml"),
-        "--frozen": (str, "the commit by which the rule was frozen"),
         "--table": "run nothing; make the table of what is there",
     }, quick="a tenth of the trials; nothing is written", json="print the table as JSON")  # fmt: skip
     folder: Path = typed.folder
@@ -220,18 +205,17 @@ def main() -> int:
     part, parts = map(int, typed.share.split("/"))
     wanted = [s for s in specs() if not typed.only or s.group in typed.only]
     wanted = wanted[:: 10 if typed.quick else 1]
-    commit = typed.frozen or frozen_by()
-    rows = done(folder, commit)
+    rows = done(folder)
     have = {row["key"] for row in rows}
     todo = [] if typed.table else [s for s in wanted[part - 1 :: parts] if s.key not in have]
     name = f"{part}of{parts}-{'-'.join(typed.only) or 'all'}.jsonl".replace(" ", "_")
     until = began + QUICK_S if typed.quick else np.inf
     with using(Processes(typed.workers)), on_cluster(typed.cluster or "", _said):
         rows += ran(todo, folder / name, until=until, tell=not typed.json)
-    table = tabulated(wanted, rows) | frozen(commit)
+    table = tabulated(wanted, rows)
     table["seconds"]["of_this_run"] = time.perf_counter() - began
     if not (typed.quick or typed.only):
-        RESULTS.mkdir(exist_ok=True)
+        TABLE.parent.mkdir(exist_ok=True)
         TABLE.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(table, indent=None if typed.json else 1))
     return 0
@@ -242,11 +226,10 @@ def _said(text: str) -> None:
 
 
 def tabulated(wanted: Sequence[Spec], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The table of the trials that were wanted, and of what other scripts found."""
+    """The table of the trials that were wanted."""
     keys = {s.key for s in wanted}
     own = {row["key"]: row for row in rows if row["key"] in keys}
-    table, others = summary(list(own.values())), collected()
-    table |= others | {"solves": table["solves"] | others["solves"]}
+    table = summary(list(own.values()))
     table["planned"] = len(wanted)
     table["rules"] = dict(Counter(row["rule"] for row in own.values()))
     table["versions"] = {"python": platform.python_version(), "numpy": np.__version__}

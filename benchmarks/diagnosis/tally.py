@@ -1,5 +1,4 @@
-"""Rows of trials -> rates with Wilson intervals, power curves, the confusion by class, and simpler rules
-beside."""
+"""Rows of trials -> rates with Wilson intervals, power curves, and the confusion by class."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -15,7 +14,6 @@ Row = dict[str, Any]
 CLEAR = 8.0  # non-centrality from which on an effect ought to be named
 BINS = (0.0, 4.0, 8.0, 15.0, 40.0, np.inf)  # non-centralities of the power curve
 GATED = ("zoomed",)  # unknown kinds that the test of the frame catches
-PROCESS = "gaussian_process"
 
 
 def wilson(hits: int, n: int) -> list[float]:
@@ -232,37 +230,6 @@ def confusion(rows: Sequence[Row]) -> Row:
     return {k: dict(c.most_common()) for k, c in sorted(out.items())}
 
 
-def baselines(rows: Sequence[Row]) -> Row:
-    """What simpler rules would have said in the same trials."""
-    out: Row = {}
-    for rule in sorted({name for r in rows for name in r.get("baselines", {})} - {PROCESS}):
-        asked = [r for r in rows if rule in r.get("baselines", {})]
-        known = [r for r in clear(asked) if len(r["physics"]) == 1 and r["physics"][0]]
-        out[rule] = {
-            "top1": rate([r["baselines"][rule] == r["physics"][0] for r in known]),
-            "false_alarm": rate([bool(r["baselines"][rule]) for r in asked if not r["kinds"]]),
-            "unknown_not_named": rate([not r["baselines"][rule] for r in asked if r["group"] == "unknown"]),
-        }
-    said = [(r, bool(r["baselines"][PROCESS])) for r in rows if PROCESS in r.get("baselines", {})]
-    out["ridge"] = foretold(rows, "ridge_heldout")
-    out[PROCESS] = foretold(rows, "gp_heldout") | {
-        "discrepancy": rate([flag for r, flag in said if r["kinds"] and reached(r) >= CLEAR]),
-        "false_alarm": rate([flag for r, flag in said if not r["kinds"]]),
-    }
-    return out
-
-
-def foretold(rows: Sequence[Row], key: str) -> Row:
-    """Over clear trials, medians of a correction's error in the unseen orientation, over that of the base
-    model and over that with nothing hidden."""
-    own = [r for r in clear(rows) if r.get(key) and r.get("base_heldout")]
-    floors = [r[key] / r["floor"] for r in own if r.get("floor")]
-    return {
-        "heldout_over_base": _median([r[key] / r["base_heldout"] for r in own]),
-        "heldout_over_floor": _median(floors), "n": len(own),
-    }  # fmt: skip
-
-
 def summary(rows: Sequence[Row]) -> Row:
     """The whole table of the trials that `identify.py` runs."""
     of: dict[str, list[Row]] = {}
@@ -294,7 +261,6 @@ def summary(rows: Sequence[Row]) -> Row:
     seconds = [r["seconds"] for r in rows if "seconds" in r]
     table["seconds"] = {"diagnose_all": _median(seconds), "total": float(np.sum(seconds)) if seconds else 0.0}
     table["solves"] = {"median": _median([r["solves"] for r in rows if "solves" in r])}
-    table["baselines"] = baselines(rows)
     table["trials"], table["failed"] = len(rows), sum(bool(r.get("failed")) for r in rows)
     return table
 

@@ -3,20 +3,16 @@ worth."""
 
 import ast
 import hashlib
-import subprocess
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 from benchmarks import ROOT
 from benchmarks.diagnosis.bank import LEFT_OUT, MAIN, fitted_case
-from benchmarks.diagnosis.gaussianprocess import discrepancy
 from benchmarks.diagnosis.laterkinds import KINDS_LATER
 from benchmarks.diagnosis.reduced import ReducedModel, Tables, has_table
-from benchmarks.diagnosis.simplerules import named_by, ridge
 from benchmarks.diagnosis.snapshots import POINTS, SHORT
 from benchmarks.diagnosis.truthbook import displaced, slope
 
@@ -244,7 +240,7 @@ def run(spec: Spec) -> dict[str, Any]:
     except Unsolvable as error:
         return row | {"verdict": f"unsolvable: {error}", "names": [], "seconds": time.process_time() - middle}
     row |= {"seconds": time.process_time() - middle, "solves": model.counted[0]}
-    row |= worth(said, scene, hidden, targets, without=spec.without)
+    row |= worth(said, scene, hidden)
     if hidden and scene.protocol.held_out is not None:
         row["floor"] = floor(scene)
     return row
@@ -277,36 +273,9 @@ def told(spec: Spec, drawn: Sequence[tuple[Kind, float, Array]]) -> dict[str, An
 def rule() -> str:
     """A word that changes with the code that decides, but not with its docstrings: rows of one rule alone
     belong in one table."""
-    files = (path for package in RULE for path in sorted((ROOT / package).rglob("*.py")))
-    return _word(path.read_text(encoding="utf-8") for path in files)
-
-
-def git(*words: str) -> str:
-    """What git says of this repository."""
-    asked = ["git", "-C", str(ROOT), *words]
-    return subprocess.run(asked, check=True, capture_output=True, text=True).stdout
-
-
-def in_history(commit: str) -> bool:
-    """Whether a commit is there: not in a copy without its history."""
-    try:
-        return bool(git("rev-parse", "--verify", f"{commit}^{{commit}}"))
-    except (OSError, subprocess.CalledProcessError):
-        return False
-
-
-@lru_cache
-def rule_at(commit: str) -> str:
-    """The same word at a commit."""
-    packages = (git("ls-tree", "-r", "--name-only", commit, f"{package}/").split() for package in RULE)
-    names = (n for own in packages for n in sorted(own, key=Path) if n.endswith(".py"))
-    return _word(git("show", f"{commit}:{n}") for n in names)
-
-
-def _word(texts: Iterable[str]) -> str:
     found = hashlib.sha256()
-    for text in texts:
-        tree = ast.parse(text)
+    for path in (path for package in RULE for path in sorted((ROOT / package).rglob("*.py"))):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
         for node in ast.walk(tree):
             body = getattr(node, "body", None)
             if isinstance(body, list) and body and _is_text(body[0]):
@@ -329,14 +298,7 @@ def floor(scene: Scene) -> float | None:
     return heldout(judge(scene.model(targets), targets, starts=START), scene, ())
 
 
-def worth(
-    said: Any,
-    scene: Scene,
-    hidden: tuple[tuple[Kind, float], ...],
-    targets: Targets,
-    *,
-    without: tuple[str, ...] = (),
-) -> dict[str, Any]:
+def worth(said: Any, scene: Scene, hidden: tuple[tuple[Kind, float], ...]) -> dict[str, Any]:
     """What a diagnosis says and how good it is."""
     plain = files.plain(DiagnosisRecord.of(said))
     noise = plain.get("noise_sd_mm")
@@ -349,16 +311,9 @@ def worth(
     judged = judged_of(said)
     if judged is None:
         return found
-    base = said.base
-    found["baselines"] = named_by(base, candidates(without), targets)
     found |= {"inside": coverage(judged, hidden), "heldout": heldout(judged, scene, hidden)}
     if scene.protocol.held_out is not None:
-        held = targets.held_out
-        process = discrepancy(base, targets, held)
-        found["baselines"]["gaussian_process"] = "discrepancy" if process.said else ""
-        found["base_heldout"] = heldout(base, scene, hidden)
-        found["ridge_heldout"] = heldout(base, scene, hidden, ridge(base, targets, held))
-        found["gp_heldout"] = heldout(base, scene, hidden, process.learnt)
+        found["base_heldout"] = heldout(said.base, scene, hidden)
     return found
 
 
@@ -409,9 +364,7 @@ def _share_slope(theta: Mapping[str, float]) -> Array:
     return np.array([-theta["C01"], theta["C10"]]) / total**2
 
 
-def heldout(
-    judged: Any, scene: Scene, hidden: tuple[tuple[Kind, float], ...], learnt: Array | float = 0.0
-) -> float | None:
+def heldout(judged: Any, scene: Scene, hidden: tuple[tuple[Kind, float], ...]) -> float | None:
     """Root mean square (mm) by which the kept fit misses the true motion in the recording held out, x and
     z."""
     held = scene.protocol.held_out
@@ -420,5 +373,5 @@ def heldout(
     true = scene.true(hidden)
     reference = judged.model.reference
     true = (true - true[reference].mean(axis=0))[scene.protocol.block == held]
-    told = (judged.model.predict(judged.fit.theta)[scene.protocol.block == held] + learnt)[:, : true.shape[1]]
+    told = judged.model.predict(judged.fit.theta)[scene.protocol.block == held][:, : true.shape[1]]
     return float(np.sqrt(((told - true)[:, : len(scene.rows), ::2] ** 2).mean()))

@@ -6,8 +6,8 @@ What is planted stands in tables under tests/strangers, which the tests read, to
 drawn project, each with the sentence it got. right: unusual inputs that must pass, photographs among them.
 folders: links and scripts in a folder from a stranger. fuzz: damaged files for every reader. faults: kills,
 interrupts and a full disk in every stage; kills, interrupts, disk: each of these alone. coding: `coding.py`,
-pulls on film as phones code it, and the speed. dic: pulls in a strain gradient. --quick: fewer of each, but
-all damaged files. Without it kills take about half an hour.
+pulls on film as phones code it, and the speed. --quick: fewer of each, but all damaged files. Without it
+kills take about half an hour.
 """
 
 import os
@@ -17,7 +17,6 @@ from typing import Any
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.commandline import Part, parts
 from benchmarks.films import coding
-from benchmarks.tracking import dic
 
 from tests.strangers import fuzz, kills, pages, planted, received, right
 
@@ -55,7 +54,6 @@ PARTS: dict[str, Part] = {
     "right": unusual,
     "folders": folders,
     "fuzz": lambda quick: fuzz.fuzz(CASES).figures(),
-    "dic": lambda quick: dic.strained(2 if quick else 10),
     "coding": coding.figures,
     "faults": faults,
 }

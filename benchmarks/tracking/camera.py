@@ -123,7 +123,7 @@ def real(folder: Path) -> dict[str, Any]:
 
 
 def figures(quick: bool) -> dict[str, Any]:
-    """The figures of this part for `benchmarks/tracking/accuracy.py`."""
+    """Pulls of drawn cameras, and the figures of real boards where their pictures are there."""
     by_kind = pulls(6 if quick else 25)
     told: dict[str, Any] = {"camera_pull_sd": float(np.sqrt(np.mean([p**2 for p in by_kind.values()])))}
     folder = SHARED / "opencv_boards"

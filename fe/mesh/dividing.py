@@ -1,7 +1,7 @@
 """The lattice that a finger's dimensions ask for: as fine for its shape as the default is for its own.
 
 The default lattice is the cheapest within 2 % of the limit on the default finger
-(`benchmarks/kernel/meshes.py`). Six things make it too coarse on another one: long pleats or thin tops, steep
+(docs/records/meshes.md). Six things make it too coarse on another one: long pleats or thin tops, steep
 pleat walls, pleats much deeper in the middle than at the sides, flat walls that bulge like plates, thick
 walls, and a chamber so short that its ends and corners count.
 `benchmarks/batches/batches.py` measures what is left on random fingers.

@@ -62,7 +62,7 @@ class Lattice:
 
     ring: walls divided by mitred corners (an O-grid), not by straight lines. centred: a cell's middle, not a
     boundary, at every crest and valley, whose bend one cell then follows. The default is the cheapest of
-    `benchmarks/kernel/meshes.py` within 2 % of the limit.
+    docs/records/meshes.md within 2 % of the limit.
     """
 
     per_bellow: int = 6

@@ -16,7 +16,7 @@ from fe.mesh.convert import converted
 
 felupe = pytest.importorskip("felupe")
 
-from benchmarks.kernel.felupe_model import ORDER, MooneyRivlin, solved  # noqa: E402
+from tests.fe.felupe_model import ORDER, MooneyRivlin, solved  # noqa: E402
 
 
 def test_one_element_against_felupe(cube: Callable[..., Case]) -> None:

@@ -1,11 +1,11 @@
-"""A real silicone beam under hung weights: one load predicts the others, as benchmarks/diagnosis/real_beam.py does."""
+"""A real silicone beam under hung weights: one load predicts the others, as docs/records/real-data.md tells."""
 
 from typing import Any
 
-from benchmarks.diagnosis import real_beam as real
-
 import numpy as np
 import pytest
+
+from tests.fe import hungbeam as real
 
 PAPER = 0.263824  # MPa, Young's modulus fitted to the same recordings (arXiv 2201.12560)
 

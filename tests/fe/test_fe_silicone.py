@@ -2,26 +2,22 @@
 
 from typing import Any
 
-from benchmarks.diagnosis import real_silicone as real
-
 import numpy as np
 import pytest
 
-
-def quiet(_: str) -> None:
-    """Says nothing."""
+from tests.fe import rubbercurves as real
 
 
 def test_stiffening_is_missing_in_real_silicone_and_predicts_what_was_held_out(shared_data: Any) -> None:
     pytest.importorskip("h5py")
     tests = real.published(shared_data, "Meunier_2008")
-    row = real.judged([tests["uniaxial"]], [tests["equibiaxial"], tests["planar"]], quiet, "tension")
+    row = real.judged([tests["uniaxial"]], [tests["equibiaxial"], tests["planar"]])
     assert row["verdict"] == "stiffening, no law of it adequate"  # one term does not fit within the noise
     assert row["p_before"] < 1e-9
     errors = row["held_out"]
     assert errors["equibiaxial"]["before_MPa"] > 2.0 * errors["equibiaxial"]["after_MPa"]  # measured: 2.5
     assert errors["planar"]["before_MPa"] > 1.5 * errors["planar"]["after_MPa"]  # measured: 1.8
-    joint = real.judged([tests["uniaxial"], tests["planar"]], [tests["equibiaxial"]], quiet, "two modes")
+    joint = real.judged([tests["uniaxial"], tests["planar"]], [tests["equibiaxial"]])
     assert joint["named"] == "stiffening"
     assert real.better(joint)
 
@@ -37,6 +33,6 @@ def drawn(C20: float, zero: float) -> list[real.Curve]:
 
 @pytest.mark.parametrize(("C20", "zero", "name"), [(0.01, 0.0, "stiffening"), (0.0, 0.02, "load_zero"), (0.0, 0.0, "")])
 def test_what_a_drawn_curve_hides_is_named(C20: float, zero: float, name: str) -> None:
-    row = real.judged(drawn(C20, zero), [], quiet, "drawn")
+    row = real.judged(drawn(C20, zero), [])
     assert row["named"] == name
     assert row["verdict"] == (name or "none needed")

@@ -2,7 +2,7 @@
 
 Whole solves at the middle of the range and at points spread over it (Sobol 1967,
 doi:10.1016/0041-5553(67)90144-9) make a `response.Surrogate`. Every solve checks the response before it joins
-it, so that the stated error is what such checks have borne out. benchmarks/surrogates.py measures it.
+it, so that the stated error is what such checks have borne out. docs/python.md has figures.
 """
 
 from collections.abc import Mapping

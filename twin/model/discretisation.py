@@ -4,8 +4,8 @@ The mesh is refined in one direction at a time (bellows, walls, section), in two
 direction with the other topology. All are solved once, without history, under the weight in each direction
 of gravity, at theoretical constants of the silicone. `Model.on_mesh` adds the change to the finest mesh to
 its prediction. What remains enters as modes of 1 sd: a change of stiffness, the other part of every change,
-and a smooth error of every marker. Their sizes are those of nine truths on other meshes and elements, by
-benchmarks/diagnosis/interval_coverage.py.
+and a smooth error of every marker. Their sizes are those of nine truths on other meshes and elements
+(docs/records/meshes.md).
 """
 
 from dataclasses import dataclass, replace

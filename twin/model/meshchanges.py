@@ -16,7 +16,7 @@ from twin.targets import Array
 
 # What remains after the correction, 1 sd: of the root sum of squares of all changes of stiffness, and of the
 # rest of each. Measured on truths by other meshes and elements
-# (benchmarks/diagnosis/interval_coverage.py): their stiffness is off by -3.0 to 1.2 %,
+# (docs/records/meshes.md): their stiffness is off by -3.0 to 1.2 %,
 # where the changes sum up to 3.6 %.
 STIFFNESS = 0.5
 SHAPE = 0.5

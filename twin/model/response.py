@@ -9,7 +9,7 @@ the amplitudes a of what is added and their other parameters s (a time, a place)
 
 is that of a Taylor series: to first order what was solved says, the orders beyond are unknown by as much as
 the scales below say, and where an amplitude is null nothing depends on its time or place.
-benchmarks/diagnosis/response.py measures its error in units of what it states.
+docs/finite-elements.md has its error in units of what it states.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +35,7 @@ BENT = 5.0  # typical steps of a parameter at which the second order may be as l
 APART = 1.5  # spacings of an effect's tries over which its time or place may change what it does
 SURE, ROUGH = 3e-5, 1e-2  # relative sd of a solve, and of a tangent, which is a secant over a typical step
 STRETCHES = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # of the scales of what is added, as the solves bear out
-WORSE = 8.0  # the squared error over what the likeliest kernel says (benchmarks/diagnosis/response.py)
+WORSE = 8.0  # the squared error over what the likeliest kernel says (docs/finite-elements.md)
 FAR = 2.5  # coordinates beyond every solve: no answer there
 
 

@@ -19,7 +19,7 @@ ALIKE = 3.0  # a mark's usual strength is at most so many times that of all mark
 # A place is given up where the two estimates differ by so much, and the sd is not small: nineteen of twenty
 # marks of which a strip covers 3 to 15 %, one of five with glare or the edge of a shadow. Of strips that pass
 # the lower of the two shows little: with the geometric mean they have pulls of 1.7
-# (benchmarks/tracking/uneven.py).
+# (docs/records/marker-accuracy.md).
 APART, SMALL_PX = 3.0, 0.1
 
 

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from benchmarks.kernel.selfcontact import against_ccx, paired, row
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -18,6 +16,7 @@ from fe.kernel.selfcontact import SelfFaces
 from fe.mesh.convert import converted
 from fe.mesh.skin import SKIN, closing
 from fe.solver.newton import Problem, equilibrium
+from tests.fe.touchingchambers import against_ccx, paired, row
 
 Cube = Callable[..., Case]
 ALONE = np.array([1.0])
@@ -184,7 +183,7 @@ def test_a_deck_holds_pairs_of_surfaces(chambers: Case) -> None:
 @pytest.mark.slow
 def test_two_chambers_against_calculix(require: Callable[[str], None]) -> None:
     require("ccx")
-    found = against_ccx(quick=True)
+    found = against_ccx()
     # of the largest displacement; quadrature and contact points are not ccx's, and the mesh is coarse
     assert found["self_contact_ccx"] < 0.01
     assert found["self_contact_effect"] < 0.05

@@ -5,14 +5,13 @@ from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
-from benchmarks import knowing
-
 import numpy as np
 import pytest
 
 from calibrate import Parameter
 from calibrate.posteriors import END, Chain
 from calibrate.priors import Prior
+from tests.twin.bench import closedfinger as knowing
 from tests.twin.conftest import plain_targets
 from twin.bench import sampling
 from twin.bench.sampling import CHECKS, OFF, Density, Sample, Sampler, WholeSolve
@@ -269,7 +268,7 @@ def test_a_prior_is_a_factor_of_the_density_at_the_true_constants() -> None:
 
 @pytest.mark.slow
 def test_intervals_of_virtual_tests_hold_the_truth_as_often_as_they_say() -> None:
-    """The small version of benchmarks/knowing.py."""
+    """A few of the trials that docs/records/constants.md counts."""
     found = knowing.coverage([knowing.trial(seed) for seed in range(12)])
     for kind in ("profile", "posterior"):
         for name, share in found[f"coverage_{kind} of"].items():

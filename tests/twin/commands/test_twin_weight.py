@@ -5,12 +5,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path as File
 
-from benchmarks.diagnosis import modes
-
 import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, finger_case, solve
+from tests.twin.model import meshtruths
 from twin import virtual
 from twin.bench.workbench import Workbench
 from twin.commands.calibrate import run_calibrate
@@ -59,7 +58,7 @@ def turned(targets: Targets, *gravity: Array) -> Targets:
 
 def film(finger: Finger, case: Case, density: float, *gravity: Array, lattice: Lattice = TRUTH) -> Targets:
     """Targets of a heavy finger on another, finer mesh."""
-    points, nodes = modes.markers(finger, case)
+    points, nodes = meshtruths.markers(finger, case)
     course = virtual.path(BENCH, protocol=FILM)
     way = np.stack(gravity)[(course.time > SECOND).astype(int) * (len(gravity) > 1)]
     truth = finger_case(Material(*THETA, density=density), finger=finger, lattice=lattice)
@@ -70,7 +69,7 @@ def film(finger: Finger, case: Case, density: float, *gravity: Array, lattice: L
     seen = virtual.noisy_targets(
         u, solution.per_pressure(points), course, points=virtual.at_nodes(names, nodes, points), bench=BENCH, seed=1
     )
-    return turned(modes.exact(seen, u), *gravity)
+    return turned(meshtruths.exact(seen, u), *gravity)
 
 
 @pytest.mark.slow
@@ -118,13 +117,13 @@ def test_the_meshs_error_under_weight_is_corrected(
     model = base_model(targets, structure.case)
     at = SolvedAt.beside(mooney_rivlin(*THETA), float(targets.pressure.max()))
     mesh = discretisation_error(model.test, structure=structure, solved_at=at)
-    row = modes.judged(model.on_mesh(mesh), targets, theta=THETA)
+    row = meshtruths.judged(model.on_mesh(mesh), targets, theta=THETA)
     assert row.before_mm > 20 * BENCH.sd  # there is something to correct
     assert row.corrected_mm < 0.1 * row.before_mm
     assert row.left_sd < 0.25  # of the noise: it does not show in a test of fit
     # changes under the weight of the first orientation alone do not hold it
     wrong = replace(mesh, changes=np.repeat(mesh.changes[:, :1], 2, axis=1))
-    other = modes.judged(model.on_mesh(wrong), targets, theta=THETA)
+    other = meshtruths.judged(model.on_mesh(wrong), targets, theta=THETA)
     assert other.corrected_mm > 2 * row.corrected_mm
 
 

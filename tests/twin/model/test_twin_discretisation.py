@@ -1,17 +1,16 @@
 """The correction of a prediction for its mesh, where the truth is the finest of the meshes.
 
-benchmarks/diagnosis/modes.py has truths on still finer meshes, over random constants and pressures.
+Truths on still finer meshes, over random constants and pressures: docs/records/meshes.md.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from benchmarks.diagnosis import interval_coverage, modes
-
 import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material
+from tests.twin.model import meshtruths
 from twin import virtual
 from twin.effects.library import effect
 from twin.judging.fitting import ModelErrors
@@ -46,14 +45,14 @@ class Draw:
 
 @pytest.fixture(scope="module")
 def draw(short: Finger, short_case: Case) -> Draw:
-    points, nodes = modes.markers(short, short_case)
+    points, nodes = meshtruths.markers(short, short_case)
     course = virtual.path(BENCH, protocol=FILM)
     lattice = BuiltIn().finer(COARSE)["check"]
     truth = virtual.truth_case(short, lattice, material=Material(*THETA), element=None)
     u, slope = virtual.displaced(truth, course, points)
     names = tuple(f"p{k}" for k in range(len(points)))
     film = virtual.noisy_targets(u, slope, course, points=virtual.at_nodes(names, nodes, points), bench=BENCH, seed=1)
-    targets = modes.exact(film, u)
+    targets = meshtruths.exact(film, u)
     model = base_model(targets, short_case)
     structure = of_finger(short, COARSE)
     at = SolvedAt.beside(NOMINAL, float(course.pressure.max()))
@@ -62,7 +61,7 @@ def draw(short: Finger, short_case: Case) -> Draw:
 
 @pytest.mark.slow
 def test_the_change_to_the_finest_mesh_is_corrected(draw: Draw) -> None:
-    found = modes.judged(draw.model.on_mesh(draw.mesh), draw.targets, theta=THETA)
+    found = meshtruths.judged(draw.model.on_mesh(draw.mesh), draw.targets, theta=THETA)
     assert found.before_mm == draw.error(None) > 0.05  # there is something to correct
     assert found.corrected_mm == draw.error(draw.mesh)
     assert found.corrected_mm < 0.02 * found.before_mm  # at constants of another share, from another pressure
@@ -113,22 +112,20 @@ def test_what_bends_further_than_its_pressure_is_corrected_as_far(draw: Draw) ->
 
 
 def test_intervals_cover_where_the_truth_is_on_another_mesh(draw: Draw, short: Finger) -> None:
-    # one of the other topology, and one whose cells lie elsewhere; benchmarks/diagnosis/interval_coverage.py has more draws
+    # one of the other topology, and one whose cells lie elsewhere; docs/records/meshes.md has more draws
     model = draw.model.on_mesh(draw.mesh)
-    points, nodes = modes.markers(short, draw.model.test.case)
-    course, rows = virtual.path(BENCH, protocol=FILM), []
+    points, nodes = meshtruths.markers(short, draw.model.test.case)
+    course, pulls = virtual.path(BENCH, protocol=FILM), []
     errors = ModelErrors.of(model, THETA, draw.targets)
     for lattice in (Lattice(per_bellow=2, centred=False), Lattice(per_bellow=3, ring=False, centred=False)):
         hidden = virtual.truth_case(short, lattice, material=Material(*THETA), element=None)
         u, slope = virtual.displaced(hidden, course, points)
-        truth = interval_coverage.Truth("another", "", u, slope, dict(zip(NAMES, THETA)))
-        draws = [interval_coverage.drawn(points, nodes, u, slope, course, BENCH, seed) for seed in range(10)]
-        found = [interval_coverage.linear(model, THETA, errors, targets) for targets in draws]
-        rows += [interval_coverage.row(truth, name, found, THETA, NAMES) for name in (*NAMES, "sum", "share")]
-    print(rows)
-    assert sum(r.covered for r in rows) >= 0.9 * sum(r.draws for r in rows)
+        draws = [meshtruths.drawn(points, nodes, u, slope, course, BENCH, seed) for seed in range(10)]
+        found = [meshtruths.linear(model, THETA, errors, targets) for targets in draws]
+        pulls += [meshtruths.pull(name, e, THETA, NAMES) for name in (*NAMES, "sum", "share") for e in found]
+    assert np.mean(np.abs(pulls) <= 1.96) >= 0.9
     # neither false precision nor far too wide
-    assert 0.3 < np.sqrt(np.mean([r.mean**2 + r.sd**2 for r in rows])) < 1.5
+    assert 0.3 < np.sqrt(np.mean(np.square(pulls))) < 1.5
 
 
 def analytic(top: float, *, factor: float = 1.0, bent: float = 0.02) -> Discretisation:

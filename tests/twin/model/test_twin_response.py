@@ -67,7 +67,7 @@ def test_a_whole_solve_brings_it_nearer(response: Surrogate) -> None:
 
 
 def test_what_it_is_off_is_what_it_states(response: Surrogate) -> None:
-    """Pooled over sizes; benchmarks/diagnosis/response.py has all effects."""
+    """Pooled over sizes; docs/finite-elements.md has all effects."""
     rng, pulls = np.random.default_rng(4), []
     known = response.certified(at(response, total=1.03, C20=0.01))
     for _ in range(6):

@@ -3,13 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.tracking import dic
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from tests.pulls import band
+from tests.vision.following import subsets as dic
 
 Array = NDArray[np.float64]
 SIZE = 240  # px

@@ -1,7 +1,5 @@
 """A real silicone beam under hung weights: fitted to one load, the others predicted, and what may be missing.
 
-    SOFTTWIN_DATA=FOLDER python benchmarks/diagnosis/real_beam.py [--json]
-
 Dragon Skin 10, 30 x 30 x 100 mm, held at one end, lying; motion capture at 100 Hz of three markers at its tip
 and three at its base (srl-ethz/diffPD_sim2real, arXiv 2201.12560). Each recording begins with the tip held up
 by hand and ends at rest under the beam's own weight and none, 52 g or 101 g hung at the tip.
@@ -15,15 +13,9 @@ and their mean lies on its middle. How far the held tip differs between the thre
 the first; the noise of the base markers that of the clamp's motion.
 """
 
-import json
-import os
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path as File
 from typing import Any
-
-sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-from benchmarks.commandline import options
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +29,6 @@ FILES = {0.0: "beam_gravity_V2_a", 52.0: "beam_load52_V2_a", 101.0: "beam_load10
 LENGTH, SIDE, DENSITY, G = 100.0, 30.0, 1.07e-9, 9810.0  # mm, mm, tonne/mm3, mm/s2
 HELD, REST = slice(20, 40), slice(-100, None)  # frames; in the first ten the markers jump
 CELLS = (10, 2, 4)  # along, across half of it, up
-RISE = 2.71  # of chi2, at the upper limit of what cannot be below 0
 ENDS = np.array([[LENGTH, 0.0, 0.0], [LENGTH, 0.0, SIDE / 2], [LENGTH, 0.0, -SIDE / 2]])
 SEEN = ("falls mm", "comes back mm", "turns deg")
 SILICONE = Parameter("C10", 0.01, 0.3, "MPa", start=0.05)
@@ -161,28 +152,6 @@ def fitted(
 # -- what is said --------------------------------------------------------------------------------------------
 
 
-def study(folder: File) -> dict[str, Any]:
-    """Fits to each load alone with the others predicted, to all, and to all with a clamp that gives way."""
-    data, case = measured(folder), beam()
-    alone = [one(data, case, k) for k in range(len(data.load))]
-    rows = list(range(len(data.load)))
-    rigidly, softly = (fitted(data, case, rows, p) for p in ((SILICONE,), (SILICONE, CLAMP)))
-    return {
-        "measured": {"load_g": data.load.tolist(), "value": data.value.tolist(), "sd": data.sd.tolist()},
-        "alone": alone,
-        "all": told(rigidly) | {"p": chance(rigidly)},
-        "all_soft_clamp": told(softly) | {"p": chance(softly)},
-        "clamp_most": softest(data, case, rows, softly.chi2),
-    }
-
-
-def softest(data: Measured, case: Case, rows: list[int], least: float) -> float:
-    """The compliance in rad/(N mm) of the clamp at which chi2 is too large (95 %), the silicone refitted."""
-    tried = np.linspace(0.0, 6e-4, 7)
-    rise = [fitted(data, case, rows, (SILICONE,), clamp=float(c)).chi2 - least for c in tried]
-    return float(np.interp(RISE, rise, tried))
-
-
 def one(data: Measured, case: Case, k: int) -> dict[str, Any]:
     """The fit to one load, and the others predicted by it: residuals in sds, with the fit's own error."""
     fit, others = fitted(data, case, [k], (SILICONE,)), [n for n in range(len(data.load)) if n != k]
@@ -213,39 +182,3 @@ def told(fit: Fit) -> dict[str, Any]:
     values = {p.name: [float(x), float(s)] for p, x, s in zip(fit.parameters, fit.theta, sd, strict=True)}
     young = {"young_MPa": 6 * float(fit.theta[0]), "young_sd": 6 * float(sd[0])}
     return {"values": values, "chi2": fit.chi2} | young
-
-
-def main() -> None:
-    typed = options(__doc__, json="one JSON line")
-    folder = File(os.environ.get("SOFTTWIN_DATA", "../shared/data")) / "real_beam"
-    if not folder.is_dir():
-        raise SystemExit(f"{folder} is not there; set SOFTTWIN_DATA to the folder of the shared data")
-    found = study(folder)
-    if typed.json:
-        print(json.dumps(found))
-        return
-    shown(found)
-
-
-def shown(found: dict[str, Any]) -> None:
-    """The tables of docs/records/real-data.md."""
-    data = found["measured"]
-    named = [f"{name} (sd {sd:.2f})" for name, sd in zip(SEEN, data["sd"], strict=True)]
-    print("measured, held to rest:", *named)
-    for load, value in zip(data["load_g"], data["value"], strict=True):
-        print(f"  {load:5.0f} g  " + "  ".join(f"{x:7.2f}" for x in value))
-    for row in found["alone"]:
-        print(f"fitted to {row['load_g']:.0f} g: E {row['young_MPa']:.4f} +- {row['young_sd']:.4f} MPa, "
-              f"chi2 {row['chi2']:.1f}")  # fmt: skip
-        for load, u, pull in zip(row["held_out_g"], row["predicted"], row["residual_sd"], strict=True):
-            both = ", ".join(f"{x:.2f} ({p:+.1f} sd)" for x, p in zip(u, pull, strict=True))
-            print(f"  predicted at {load:.0f} g: {both}")
-    print(f"the clamp gives way by {found['clamp_most']:.2g} rad/(N mm) at most (95 %)")
-    for name in ("all", "all_soft_clamp"):
-        row = found[name]
-        young = f"E {row['young_MPa']:.4f} +- {row['young_sd']:.4f} MPa"
-        print(f"{name}: {young}, chi2 {row['chi2']:.1f}, p {row['p']:.2g}, {row['values']}")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,24 +1,13 @@
-"""How often do profile and posterior hold the truth? Virtual tests of a finger in closed form.
-
-    python benchmarks/knowing.py [--quick] [--json]
+"""Virtual tests of a finger in closed form: how often profile and posterior hold the truth.
 
 Each trial draws the noise, and by how much a mesh is too stiff (5 %, 1 sd), fits C10, C01 and a creep that is
 near its bound, and asks `profile_likelihood` and a chain on `twin.bench.sampling.Density` for 95 % intervals
-of the three and of C10 + C01. Chains have 750 steps, some 30 autocorrelation times after their beginning, for
-want of time. The model is much curved and the noise large: the covariance's intervals are shown beside.
-`coverage_profile`, `coverage_posterior`: the share of all intervals that hold the truth; `.. of`: by value.
---quick: 30 of the 200 trials.
+of the three and of C10 + C01. Chains have 750 steps, some 30 autocorrelation times after their beginning.
 """
 
-import os
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
-
-sys.path.insert(0, os.path.abspath(f"{__file__}/../.."))
-from benchmarks.commandline import whole
 
 import numpy as np
 
@@ -27,7 +16,6 @@ from calibrate.fit import Jacobian, Residual
 from calibrate.posteriors import END, sampled
 from calibrate.profiles import Held
 from twin.bench.sampling import Density
-from twin.executors.chosen import current
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.targets import Array
 
@@ -40,7 +28,6 @@ STIFFNESS, NOISE = 0.05, 1.2  # of the mesh, as a share, and mm: 1 sd
 PRESSURE = np.concatenate([np.linspace(0.0, 0.02, 12), np.full(8, 0.02), np.linspace(0.02, 0.0, 6)])  # MPa
 CREPT = np.concatenate([np.zeros(12), 1 - np.exp(-np.arange(8) / 3.0), np.full(6, 0.9)])
 PLACES = np.array([0.4, 0.7, 1.0])  # of the length
-TRIALS, FEW = 200, 30
 WALKING, STEPS = 32, 750
 
 
@@ -101,9 +88,8 @@ NAMES = ("C10", "C01", "g1", "C10+C01")
 
 @dataclass(frozen=True)
 class Trial:
-    """The 95 % intervals (4, 2) of one virtual test by the covariance, by profile and by posterior."""
+    """The 95 % intervals (4, 2) of one virtual test by profile and by posterior."""
 
-    covariance: Array
     profile: Array
     posterior: Array
 
@@ -117,7 +103,7 @@ def trial(seed: int) -> Trial:
     fit = fitted(measured)
     chain = sampled(made := density(measured), started(made, fit, rng), seed=seed, most=STEPS)
     return Trial(
-        covariance=by_covariance(fit), profile=by_profile(measured, fit),
+        profile=by_profile(measured, fit),
         posterior=np.percentile(values(made.true(chain.samples)), END, axis=0).T,
     )  # fmt: skip
 
@@ -138,13 +124,6 @@ def started(made: Density, fit: Fit, rng: np.random.Generator) -> Array:
     return x[np.isfinite(made(x))][:WALKING]
 
 
-def by_covariance(fit: Fit) -> Array:
-    """The intervals (4, 2) by the covariance; open where it knows none."""
-    sd = np.append(fit.sd, np.sqrt(max(fit.covariance[:2, :2].sum(), 0.0)))
-    sd = np.where(np.isfinite(sd), sd, np.inf)
-    return values(fit.theta[None]).T + 1.96 * np.outer(sd, [-1.0, 1.0])
-
-
 def by_profile(measured: Array, fit: Fit) -> Array:
     """The intervals (4, 2) by profile, open where it reaches no end."""
     out = []
@@ -158,23 +137,9 @@ def by_profile(measured: Array, fit: Fit) -> Array:
 def coverage(trials: Sequence[Trial]) -> Mapping[str, Any]:
     """The share of intervals that hold the truth, by kind, over all values and for each."""
     wanted, out = values(TRUE[None])[0], {}
-    for kind in ("profile", "posterior", "covariance"):
+    for kind in ("profile", "posterior"):
         ends = np.array([getattr(one, kind) for one in trials])
         held = (ends[:, :, 0] <= wanted) & (wanted <= ends[:, :, 1])
         out[f"coverage_{kind}"] = float(held.mean())
         out[f"coverage_{kind} of"] = dict(zip(NAMES, held.mean(axis=0).round(3).tolist(), strict=True))
     return {"trials": len(trials), **out}
-
-
-def figures(quick: bool) -> Mapping[str, Any]:
-    """The figures of all trials."""
-    found, tasks = [], [partial(trial, seed) for seed in range(FEW if quick else TRIALS)]
-    for _, one in current().ended(tasks):
-        found.append(one)
-        if len(found) % 10 == 0:
-            print(coverage(found), flush=True)
-    return coverage(found)
-
-
-if __name__ == "__main__":
-    sys.exit(whole(__doc__, figures, quick=f"{FEW} trials"))

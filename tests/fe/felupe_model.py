@@ -1,4 +1,4 @@
-"""A case -> its displacements by FElupe, a code of other people: a witness for tests and benchmarks.
+"""A case -> its displacements by FElupe, a code of other people: a witness for tests.
 
 Displacement, pressure and volume ratio are three fields, the last two of each element's own: constant in
 C3D8, tri-linear (eight modes) in hex27, where this project's kernel has four.
