@@ -30,14 +30,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision import Camera, Mark, Video
+from vision import Camera, Mark, Video, kinds
 from vision.drawing import synthetic
 from vision.film.video import Writer
 from vision.following.markrotations import mean_seen
 from vision.following.reference import Follower, prepare
 from vision.following.tracking import follow
 from vision.following.tracks import Followed, Method
-from vision.kinds import CodedMarker, PlainDot, coded, plaindot
+from vision.kinds import CodedMarker, PlainDot
 from vision.marks import detect
 
 Array = NDArray[np.float64]
@@ -71,8 +71,8 @@ class Scene:
 
     def drawing(self, *, paper: bool = False) -> synthetic._Scene:
         """The renderer; `paper` draws the marks on white paper without end."""
-        border, side = (4, 4.0) if paper else (coded.QUIET_CELLS, plaindot.PAPER)
-        with patch.object(coded, "QUIET_CELLS", border), patch.object(plaindot, "PAPER", side):
+        border, side = (4, 4.0) if paper else (kinds.QUIET_CELLS, kinds.PAPER)
+        with patch.object(kinds, "QUIET_CELLS", border), patch.object(kinds, "PAPER", side):
             return synthetic._Scene(self.camera, self.pose, self.marks, BLUR, "DICT_4X4_50")
 
     def ideal(self) -> Array:
