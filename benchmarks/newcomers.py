@@ -32,7 +32,7 @@ import numpy as np
 
 from fe import Lattice, Material
 from fe import Path as Course
-from fe.deck.calculix import CalculiX
+from fe.engines.calculix import CalculiX
 from twin import files, virtual
 from twin.bench.fits import fit_file
 from twin.bench.predicting import WantedCourse, followed

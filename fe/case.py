@@ -7,7 +7,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 import numpy as np
 
 from fe.element import ELEMENTS, Array, Element, Flags, Integers
-from fe.laws import Material
+from fe.material import Material
 from fe.obstacles import Obstacle
 
 

@@ -12,7 +12,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from fe.element import Array
-from fe.laws import Material, relaxation
+from fe.material import Material, relaxation
 
 Kind = Literal["uniaxial", "planar", "equibiaxial", "shear"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -84,7 +84,7 @@ def _stresses(material: Material, l: Array, time: Array | None) -> Array:  # noq
 
 def _relaxed(t: Array, l: Array, prony: tuple[tuple[float, float], ...], time: Array) -> Array:  # noqa: E741
     """The same (k, 3) of a material that creeps, at times (k,) s since it was at rest: the second
-    Piola-Kirchhoff stress t / l^2 relaxes, linear in time between the strains (`fe.laws`)."""
+    Piola-Kirchhoff stress t / l^2 relaxes, linear in time between the strains (`fe.material`)."""
     S = np.vstack([np.zeros(3), t / l**2])
     out, dt = S[1:].copy(), np.diff(time, prepend=0.0)
     for g, tau in prony:

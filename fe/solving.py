@@ -23,11 +23,11 @@ from fe.mesh.points import interpolation
 from fe.path import LEVELS, Path, levels
 from fe.solver.adjoint import NullTangents
 from fe.solver.curve import Curve, nothing, trace
+from fe.solver.limits import crossing
 from fe.solver.loadings import Loadings
 from fe.solver.memory import Course, Direction, History, follow
 from fe.solver.newton import Problem, moved
-from fe.solver.reach import crossing
-from fe.solver.varied import Differenced, Variation, refused, towards_memory
+from fe.solver.sensitivity import Differenced, Variation, refused, towards_memory
 
 
 @dataclass(frozen=True, kw_only=True)

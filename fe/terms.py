@@ -1,5 +1,5 @@
 """The law at one point, compiled to machine code by numba: invariants, and the energy, stress and tangent of
-each of its terms. The formulas are those of `fe.laws`.
+each of its terms. The formulas are those of `fe.material`.
 
 A row of constants holds what the columns below name. A new term in I1 alone is a column, an energy that
 `energy` adds and two slopes that `_slopes` adds. Arrays of a `Point` are scratch, filled and read in turn.

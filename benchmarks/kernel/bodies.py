@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from fe import Case, Material, Path, Solution, solve
-from fe.deck.calculix import CalculiX
 from fe.deck.soundness import jacobians
+from fe.engines.calculix import CalculiX
 from fe.mesh.convert import converted
 from fe.mesh.elementshapes import quality
 from fe.mesh.finger import NAMED_NODES

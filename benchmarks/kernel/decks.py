@@ -35,9 +35,9 @@ from benchmarks.kernel.smalldecks import (
 
 import numpy as np
 
-from fe.deck.calculix import CalculiX
-from fe.deck.embedded import Embedded
 from fe.deck.reader import read_deck
+from fe.engines.calculix import CalculiX
+from fe.engines.engine import Embedded
 
 Lines = tuple[tuple[float, ...], ...]
 BAR: Lines = (tuple(2.0 * i for i in range(9)), (-2.0, 0.0, 2.0), (0.0, 2.0, 4.0))

@@ -20,10 +20,9 @@ import numpy as np
 
 from fe import Case, Lattice, Path, finger_case
 from fe.case import Layer
-from fe.deck.calculix import CalculiX
-from fe.deck.embedded import Embedded
-from fe.deck.engine import EngineResult
-from fe.deck.writer import deck
+from fe.engines.calculix import CalculiX
+from fe.engines.engine import Embedded, EngineResult
+from fe.engines.writer import deck
 from fe.mesh.convert import converted
 from twin.effects.protocol import Effect, Test
 from twin.effects.shape import Ballooning, EccentricCore, WallTaper

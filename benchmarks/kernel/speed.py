@@ -26,7 +26,7 @@ from benchmarks.kernel.convergence import SHORT, SILICONE, extrapolate
 import numpy as np
 
 from fe import Case, Finger, Lattice, Path, Solution, Variation, finger_case, solve
-from fe.deck.calculix import CalculiX
+from fe.engines.calculix import CalculiX
 from fe.kernel.matrix import Symmetric
 from fe.mesh.convert import converted
 

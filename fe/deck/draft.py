@@ -5,16 +5,14 @@ from dataclasses import KW_ONLY, dataclass, field
 import numpy as np
 
 from fe.case import Block, Case, Equation, Support
-from fe.deck.joining import merged, of_sheets, tied, with_one_node
+from fe.deck.elementtypes import RICHER, divides, one_type
+from fe.deck.joints import Rigid, TieDraft, merged, of_sheets, resolved, tied, with_one_node
 from fe.deck.keywords import Keyword
-from fe.deck.kinds import RICHER, divides, one_type
-from fe.deck.meshdraft import MeshDraft, SheetSection, rows
-from fe.deck.mixed import in_tetrahedra
-from fe.deck.rigid import Rigid, TieDraft, resolved
+from fe.deck.meshdraft import MeshDraft, SheetSection, in_tetrahedra, rows
 from fe.deck.sheets import layers
 from fe.deck.units import Units
 from fe.element import ELEMENTS, Array, Integers
-from fe.laws import Material
+from fe.material import Material
 from fe.mesh.convert import without_unused_nodes
 from fe.mesh.refine import enriched
 

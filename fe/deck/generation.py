@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 
-from fe.deck import naming
+from fe.deck import setnames
 from fe.deck.draft import Draft
 from fe.deck.keywords import Keyword, Place
 from fe.deck.meshkeywords import MOST_MEMBERS, join, place_node, put_element
@@ -27,7 +27,7 @@ def ngen(draft: Draft, k: Keyword) -> None:
             place_node(draft, k, line, n, a + (b - a) * (n - first) / (last - first))
         added += range(first, last + 1, step)
     if "NSET" in k.parameters:
-        join(naming.opened(draft, "node_sets", k.text("NSET"), []), added)
+        join(setnames.opened(draft, "node_sets", k.text("NSET"), []), added)
 
 
 def _node(draft: Draft, k: Keyword, line: Place, label: int) -> Array:
@@ -41,7 +41,7 @@ def nfill(draft: Draft, k: Keyword) -> None:
     k.only("NSET")
     added: list[int] = []
     for line, words in k.data:
-        first, last = (naming.known(k, draft.here.node_sets, w, line) for w in words[:2])
+        first, last = (setnames.known(k, draft.here.node_sets, w, line) for w in words[:2])
         count, step = k.wholes(line, words[2:4], low=1)
         if len(first) != len(last) or len(first) * count > MOST_MEMBERS:
             raise k.error(f"sets of {len(first)} and {len(last)} nodes: wanted two of one size", line)
@@ -51,7 +51,7 @@ def nfill(draft: Draft, k: Keyword) -> None:
                 place_node(draft, k, line, a + i * step, x + (y - x) * i / count)
             added += [*range(a, a + count * step, step), b]
     if "NSET" in k.parameters:
-        join(naming.opened(draft, "node_sets", k.text("NSET"), []), added)
+        join(setnames.opened(draft, "node_sets", k.text("NSET"), []), added)
 
 
 def ncopy(draft: Draft, k: Keyword) -> None:
@@ -64,11 +64,11 @@ def ncopy(draft: Draft, k: Keyword) -> None:
     if any(any(row) for row in shifts[1:]):
         raise k.error("*NCOPY with a rotation: wanted a translation alone; write the nodes out", k.data[1][0])
     shift = np.array([*shifts[0], 0.0, 0.0, 0.0][:3]) if shifts else np.zeros(3)
-    chosen = naming.known(k, draft.here.node_sets, old, k.place)
+    chosen = setnames.known(k, draft.here.node_sets, old, k.place)
     for n in list(chosen):
         place_node(draft, k, k.place, n + more, _node(draft, k, k.place, n) + shift)
     if "NEW SET" in k.parameters:
-        join(naming.opened(draft, "node_sets", k.text("NEW SET"), []), [n + more for n in chosen])
+        join(setnames.opened(draft, "node_sets", k.text("NEW SET"), []), [n + more for n in chosen])
 
 
 def elgen(draft: Draft, k: Keyword) -> None:
@@ -93,4 +93,4 @@ def elgen(draft: Draft, k: Keyword) -> None:
             put_element(draft, k, line, first + number, (kind, [n + more for n in row]))
             added.append(first + number)
     if "ELSET" in k.parameters:
-        join(naming.opened(draft, "element_sets", k.text("ELSET"), []), added)
+        join(setnames.opened(draft, "element_sets", k.text("ELSET"), []), added)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from fe.deck.keywords import Keyword
-from fe.laws import Material
+from fe.material import Material
 
 INCOMPRESSIBLE = 1e4  # K / shear modulus where D1 = 0, which stands for incompressible
 TERMS = ("C10", "C01", "C20", "C30", "ogden", "chains")  # of a material, that a form may hold

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from fe.deck.draft import Draft
 from fe.deck.keywords import Keyword
 from fe.deck.meshdraft import MeshDraft
-from fe.deck.naming import apart, renamed, small
+from fe.deck.setnames import apart, renamed, small
 from fe.element import Array
 
 

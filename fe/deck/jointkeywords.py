@@ -4,10 +4,10 @@ A rigid joint is read where its reference node does not turn: then the nodes mov
 """
 
 from fe.case import Equation
-from fe.deck import naming
+from fe.deck import setnames
 from fe.deck.draft import Draft
+from fe.deck.joints import Rigid, TieDraft
 from fe.deck.keywords import Keyword, Place
-from fe.deck.rigid import Rigid, TieDraft
 
 ALL = (0, 1, 2)
 
@@ -20,8 +20,8 @@ def tie(draft: Draft, k: Keyword) -> None:
         (tolerance,) = k.numbers(k.place, [k.parameters["POSITION TOLERANCE"]])
     for line, words in k.data:
         for word in words[:2]:
-            naming.known(k, draft.mesh.surfaces, word, line)
-        slave, master = (str(naming.key(draft.mesh.surfaces, w)) for w in words[:2])
+            setnames.known(k, draft.mesh.surfaces, word, line)
+        slave, master = (str(setnames.key(draft.mesh.surfaces, w)) for w in words[:2])
         draft.ties.append(TieDraft(slave, master, tolerance, line))
 
 
@@ -46,7 +46,7 @@ def equation(draft: Draft, k: Keyword) -> None:
 
 
 def _term(draft: Draft, k: Keyword, at: Place, row: list[str]) -> tuple[list[int], int, float]:
-    chosen = naming.members(draft, k, draft.mesh.node_sets, row[0], at)
+    chosen = setnames.members(draft, k, draft.mesh.node_sets, row[0], at)
     component, (factor,) = k.whole(at, row[1], low=1, high=3), k.numbers(at, row[2:3])
     if not factor or not chosen:
         raise k.error("*EQUATION with the factor 0, or an empty set: wanted factors that are not 0", at)
@@ -60,7 +60,7 @@ def mpc(draft: Draft, k: Keyword) -> None:
         if kind not in ("TIE", "PIN", "BEAM"):
             raise k.error(f"*MPC {kind}: wanted TIE, PIN or BEAM; write *EQUATION for others", line)
         first, second = (
-            naming.members(draft, k, draft.mesh.node_sets, word, line) for word in words[1:3]
+            setnames.members(draft, k, draft.mesh.node_sets, word, line) for word in words[1:3]
         )
         if len(second) not in (1, len(first)):
             raise k.error(
@@ -79,11 +79,11 @@ def rigid_body(draft: Draft, k: Keyword) -> None:
     """*RIGID BODY of elements or nodes with a reference node."""
     own: list[int] = []
     if "ELSET" in k.parameters:
-        chosen = naming.known(k, draft.mesh.element_sets, k.text("ELSET"), k.place)
+        chosen = setnames.known(k, draft.mesh.element_sets, k.text("ELSET"), k.place)
         own += sorted({n for e in chosen for n in draft.mesh.element(e)[1]})
     for name in ("NSET", "TIE NSET", "PIN NSET"):
         if name in k.parameters:
-            own.extend(naming.known(k, draft.mesh.node_sets, k.text(name), k.place))
+            own.extend(setnames.known(k, draft.mesh.node_sets, k.text(name), k.place))
     if not own:
         raise k.error("*RIGID BODY: wanted ELSET=, TIE NSET= or PIN NSET= of its elements or nodes")
     draft.rigid.append(Rigid(_reference(draft, k), own, ALL, k.place, k.name))
@@ -91,7 +91,7 @@ def rigid_body(draft: Draft, k: Keyword) -> None:
 
 def _reference(draft: Draft, k: Keyword) -> int:
     stated = k.text("REF NODE")
-    chosen = naming.members(draft, k, draft.mesh.node_sets, stated, k.place)
+    chosen = setnames.members(draft, k, draft.mesh.node_sets, stated, k.place)
     if len(chosen) != 1:
         raise k.error(f"*{k.name}, REF NODE={stated}: {len(chosen)} nodes; wanted one")
     return chosen[0]
@@ -99,9 +99,9 @@ def _reference(draft: Draft, k: Keyword) -> int:
 
 def coupling(draft: Draft, k: Keyword) -> None:
     """*COUPLING: the nodes of a surface, and the reference node that *KINEMATIC below ties them to."""
-    name = naming.key(draft.mesh.surfaces, k.text("SURFACE"))
+    name = setnames.key(draft.mesh.surfaces, k.text("SURFACE"))
     if name is None:
-        naming.known(k, draft.mesh.surfaces, k.text("SURFACE"), k.place)
+        setnames.known(k, draft.mesh.surfaces, k.text("SURFACE"), k.place)
     own = draft.mesh.nodes_on(draft.mesh.surfaces[str(name)])
     draft.coupled = Rigid(_reference(draft, k), own, ALL, k.place, k.name)
 
@@ -118,7 +118,7 @@ def kinematic_coupling(draft: Draft, k: Keyword) -> None:
     """*KINEMATIC COUPLING: nodes or sets, first and last component, of a reference node."""
     reference = _reference(draft, k)
     for line, words in k.data:
-        own = naming.members(draft, k, draft.mesh.node_sets, words[0], line)
+        own = setnames.members(draft, k, draft.mesh.node_sets, words[0], line)
         joint = Rigid(reference, list(own), ALL, line, k.name)
         one = Keyword(k.name, {}, [(line, words)], line)
         draft.rigid.append(joint.only(_components(one, 1)))

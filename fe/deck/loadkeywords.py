@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from fe.deck import naming
+from fe.deck import setnames
 from fe.deck.draft import Draft
 from fe.deck.keywords import Keyword, Place
 from fe.deck.meshkeywords import face
-from fe.deck.naming import small
+from fe.deck.setnames import small
 
 NAMED = {"ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2), "XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,)}
 TURNING = {"ENCASTRE": (3, 4, 5), "XSYMM": (4, 5), "YSYMM": (3, 5), "ZSYMM": (3, 4)}
@@ -14,12 +14,12 @@ TURNING = {"ENCASTRE": (3, 4, 5), "XSYMM": (4, 5), "YSYMM": (3, 5), "ZSYMM": (3,
 
 def _set_of(draft: Draft, k: Keyword, line: Place, word: str) -> str:
     """The name of a node set, or of a new one for a label."""
-    label = naming.label(draft, word)
+    label = setnames.label(draft, word)
     if label is not None:
         draft.mesh.node_sets.setdefault(f"node_{label}", [label])
         return f"node_{label}"
-    naming.known(k, draft.mesh.node_sets, word, line)
-    return str(naming.key(draft.mesh.node_sets, word))
+    setnames.known(k, draft.mesh.node_sets, word, line)
+    return str(setnames.key(draft.mesh.node_sets, word))
 
 
 def boundary(draft: Draft, k: Keyword) -> None:
@@ -77,7 +77,7 @@ def dsload(draft: Draft, k: Keyword) -> None:
     """*DSLOAD, a pressure on a surface."""
     k.only("OP", "AMPLITUDE")
     for line, words in k.data:
-        name = naming.key(draft.mesh.surfaces, words[0])
+        name = setnames.key(draft.mesh.surfaces, words[0])
         if name is None:
             raise k.error(
                 f"surface {words[0]}: not defined; wanted one of {', '.join(draft.mesh.surfaces)}", line
@@ -95,7 +95,7 @@ def dload(draft: Draft, k: Keyword) -> None:
             _gravity(draft, k, line, words)
             continue
         side = face(k, line, words[1], "P")
-        chosen = naming.members(draft, k, draft.mesh.element_sets, words[0], line)
+        chosen = setnames.members(draft, k, draft.mesh.element_sets, words[0], line)
         name, value = f"dload_{words[2]}", followed(draft, k, k.numbers(line, words[2:3])[0])
         draft.mesh.surfaces.setdefault(name, []).extend((e, side) for e in chosen)
         _note_pressure(draft, k, name, value)
@@ -103,7 +103,7 @@ def dload(draft: Draft, k: Keyword) -> None:
 
 def _gravity(draft: Draft, k: Keyword, line: Place, words: list[str]) -> None:
     sets, count = draft.mesh.element_sets, len(draft.mesh.elements)
-    if words[0] and len(set(naming.members(draft, k, sets, words[0], line))) < count:
+    if words[0] and len(set(setnames.members(draft, k, sets, words[0], line))) < count:
         raise k.error(f"GRAV on {words[0]}, a part of the elements: wanted all of them", line)
     size, *direction = k.numbers(line, words[2:6])
     length = float(np.linalg.norm(direction))
@@ -147,10 +147,10 @@ def cload(draft: Draft, k: Keyword) -> None:
     """*CLOAD on every node of a set."""
     k.only("OP", "AMPLITUDE")
     for line, words in k.data:
-        label = naming.label(draft, words[0])
+        label = setnames.label(draft, words[0])
         if label is None:
-            naming.known(k, draft.mesh.node_sets, words[0], line)
-        where = str(label or naming.key(draft.mesh.node_sets, words[0]))
+            setnames.known(k, draft.mesh.node_sets, words[0], line)
+        where = str(label or setnames.key(draft.mesh.node_sets, words[0]))
         component = k.whole(line, words[1])
         if not 1 <= component <= 3:
             raise k.error(f"*CLOAD in component {component}: wanted 1, 2 or 3", line)

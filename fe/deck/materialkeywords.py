@@ -6,8 +6,8 @@ from fe.deck.draft import Draft
 from fe.deck.hyperelastic import read_law
 from fe.deck.keywords import Keyword
 from fe.deck.meshdraft import SheetSection
-from fe.deck.naming import plain, small
-from fe.laws import Material
+from fe.deck.setnames import plain, small
+from fe.material import Material
 
 HEAVIEST = 3e-8  # tonne/mm3: more than osmium
 

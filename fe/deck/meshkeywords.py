@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from fe.deck import naming
+from fe.deck import setnames
 from fe.deck.draft import Draft
+from fe.deck.elementtypes import KINDS, SHEETS, nodes_of
 from fe.deck.keywords import Keyword, Place
-from fe.deck.kinds import KINDS, SHEETS, nodes_of
-from fe.deck.naming import small
+from fe.deck.setnames import small
 
 FARTHEST = 1e5  # mm from the origin
 MOST_MEMBERS = 10_000_000  # of a set
@@ -25,7 +25,7 @@ def nodes(draft: Draft, k: Keyword) -> None:
         place_node(draft, k, line, label, x)
         added.append(label)
     if "NSET" in k.parameters:
-        join(naming.opened(draft, "node_sets", k.text("NSET"), []), added)
+        join(setnames.opened(draft, "node_sets", k.text("NSET"), []), added)
 
 
 def place_node(draft: Draft, k: Keyword, line: Place, label: int, x: np.ndarray) -> None:
@@ -63,7 +63,7 @@ def elements(draft: Draft, k: Keyword) -> None:
     if record:
         raise k.error(f"element {record[0]} has {len(record) - 1} nodes; {kind} wants {count}")
     if "ELSET" in k.parameters:
-        join(naming.opened(draft, "element_sets", k.text("ELSET"), []), added)
+        join(setnames.opened(draft, "element_sets", k.text("ELSET"), []), added)
 
 
 def put_element(draft: Draft, k: Keyword, line: Place, number: int, element: tuple[str, list[int]]) -> None:
@@ -78,7 +78,7 @@ def reader_of_sets(sets: str, parameter: str) -> Callable[[Draft, Keyword], None
     """The reader of *NSET or *ELSET, whose sets are the attribute `sets` of a mesh."""
 
     def read(draft: Draft, k: Keyword) -> None:
-        own: list[int] = naming.opened(draft, sets, k.text(parameter), [])
+        own: list[int] = setnames.opened(draft, sets, k.text(parameter), [])
         instance = small(k.parameters.get("INSTANCE", ""))
         known, members = getattr(draft.here, sets), dict.fromkeys(own)
         for line, words in k.data:
@@ -88,9 +88,9 @@ def reader_of_sets(sets: str, parameter: str) -> Callable[[Draft, Keyword], None
                 members |= dict.fromkeys(n + more for n in _generated(k, line, given))
                 continue
             for word in given:
-                members |= dict.fromkeys(naming.members(draft, k, known, word, line, instance))
+                members |= dict.fromkeys(setnames.members(draft, k, known, word, line, instance))
         if parameter == "NSET" and "ELSET" in k.parameters:
-            chosen = naming.known(k, draft.here.element_sets, k.text("ELSET"), k.place)
+            chosen = setnames.known(k, draft.here.element_sets, k.text("ELSET"), k.place)
             members |= dict.fromkeys(sorted({n for e in chosen for n in draft.here.element(e)[1]}))
         own[:] = members
 
@@ -111,12 +111,12 @@ def surface(draft: Draft, k: Keyword) -> None:
     """*SURFACE of faces of elements; of shells SPOS and SNEG, face -1."""
     if k.parameters.get("TYPE", "ELEMENT").upper() != "ELEMENT":
         raise k.error(f"*SURFACE of type {k.parameters['TYPE']}: wanted TYPE=ELEMENT with faces S1, S2 ..")
-    own: list[tuple[int, int]] = naming.opened(draft, "surfaces", k.text("NAME"), [])
+    own: list[tuple[int, int]] = setnames.opened(draft, "surfaces", k.text("NAME"), [])
     instance, faces = small(k.parameters.get("INSTANCE", "")), dict.fromkeys(own)
     for line, words in k.data:
         side = words[1].upper() if len(words) > 1 else ""
         number = -1 if side in ("SPOS", "SNEG") else face(k, line, side, "S")
-        chosen = naming.members(draft, k, draft.here.element_sets, words[0], line, instance)
+        chosen = setnames.members(draft, k, draft.here.element_sets, words[0], line, instance)
         faces |= dict.fromkeys((e, number) for e in chosen)
     own[:] = faces
 

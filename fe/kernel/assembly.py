@@ -33,10 +33,9 @@ from fe.kernel.compiled import (
 from fe.kernel.matrix import Symmetric
 from fe.kernel.pattern import Pattern, Places
 from fe.kernel.pressure import PressureFaces
-from fe.kernel.reduced import Reduced
+from fe.kernel.systems import Reduced, Wider
 from fe.kernel.tying import Dependence, dependence
-from fe.kernel.widening import Wider
-from fe.laws import scaled
+from fe.material import scaled
 from fe.terms import OGDEN, PAIRS
 
 THREADS = int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)

@@ -10,7 +10,7 @@ import numpy as np
 
 from fe.case import Block, Case, Clamp, Support
 from fe.element import FACES, Array, Flags, Integers
-from fe.laws import Material
+from fe.material import Material
 
 Place = Sequence[float]  # (3,) mm
 _ON = 1e-6  # mm from a plane

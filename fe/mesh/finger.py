@@ -11,7 +11,7 @@ import numpy as np
 
 from fe.case import Case
 from fe.element import Array, Flags
-from fe.laws import Material
+from fe.material import Material
 from fe.mesh.extruding import between, extruded, grid_quads, hollow_case, path
 from fe.mesh.mirror import mirrored
 

@@ -1,8 +1,8 @@
-"""A path of equilibria with derivatives.
+"""Paths of equilibria and their derivatives with respect to parameters.
 
-Read in this order: `newton` finds one equilibrium, `corrected` is its tangent; `curve` follows a structure
-without memory over pressure; `memory` follows one with memory along time (`past`: what it remembers).
-`varied` holds derivatives to parameters, and names what they cannot be taken to; `adjoint` takes them to a
-memory that the structure itself does not have. `loadings` handles gravity that turns; `reach` says why a path
-ends.
+Read in this order: `newton` finds one equilibrium, `refinement` solves with its tangent; `curve` follows a
+structure without memory over pressure; `memory` follows one with memory along time (`historyvariables`: its
+internal variables). `sensitivity` differentiates with respect to parameters, and refuses what it cannot;
+`adjoint` differentiates towards creep and softening from a base without memory. `loadings` handles changing
+gravity; `limits` names the cause where a path ends.
 """

@@ -18,14 +18,14 @@ from scipy.sparse import csr_matrix
 
 from fe.element import Array, Integers
 from fe.kernel.assembly import Response, Softening, State
-from fe.laws import relaxation
+from fe.material import relaxation
 from fe.path import in_time, knots
 from fe.solver.curve import Curve
+from fe.solver.historyvariables import SHY
 from fe.solver.loadings import Loadings
 from fe.solver.memory import Course, series
 from fe.solver.newton import Problem, Residual, tangent_at
-from fe.solver.past import SHY
-from fe.solver.varied import Differenced
+from fe.solver.sensitivity import Differenced
 
 
 @dataclass(frozen=True)

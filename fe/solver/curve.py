@@ -9,10 +9,10 @@ from scipy.sparse import csr_matrix
 
 from fe.element import Array
 from fe.kernel.assembly import State
-from fe.solver.corrected import Corrected
+from fe.solver.limits import why
 from fe.solver.newton import Equilibrium, Problem, Residual, Step, eased, moved
-from fe.solver.reach import why
-from fe.solver.varied import Differenced, Neighbours, sensitivities
+from fe.solver.refinement import Corrected
+from fe.solver.sensitivity import Differenced, Neighbours, sensitivities
 
 BENT = 5e-3  # mm: more than that between a cubic and a state on it asks for more levels
 FORETOLD = 16  # times BENT: a cubic that foretold the next level so well needs no level in its middle

@@ -10,7 +10,7 @@ from fe.element import Array, Integers
 from fe.mesh.spreading import spread
 from fe.path import Path
 from fe.solver.newton import Problem
-from fe.solver.varied import Differenced
+from fe.solver.sensitivity import Differenced
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,12 @@ import numpy as np
 from fe.element import Array, Flags, Integers
 from fe.kernel.assembly import Memory, Response, State
 from fe.path import Path, equivalent, in_time, knots
-from fe.solver.corrected import Corrected
 from fe.solver.curve import LEAST_STEP, Curve, strays
+from fe.solver.historyvariables import Evaluated, Past
 from fe.solver.loadings import Loadings
 from fe.solver.newton import Equilibrium, Problem, eased, moved
-from fe.solver.past import Evaluated, Past
-from fe.solver.varied import Differenced, Neighbours, differing, sensitivities
+from fe.solver.refinement import Corrected
+from fe.solver.sensitivity import Differenced, Neighbours, differing, sensitivities
 
 
 @dataclass(frozen=True, kw_only=True)

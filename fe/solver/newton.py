@@ -12,9 +12,9 @@ from fe.element import Array, Flags
 from fe.kernel.assembly import ElementConstants, Geometry, Kernel, Linearised, Memory, State
 from fe.kernel.compiled import PointTangents
 from fe.kernel.contact import ObstacleFaces
-from fe.kernel.coupling import addition, coupled
 from fe.kernel.layer import LayerFaces
 from fe.kernel.selfcontact import SelfFaces
+from fe.kernel.systems import addition, coupled
 from fe.path import Path
 
 # Last correction: of u against the structure's size, of p against a tenth of the shear modulus. The tangent
@@ -440,7 +440,7 @@ def equilibrium(
     last: a factorised tangent of a neighbouring state; while it is the newest it serves as far as it can.
     exact: the result's tangent is that of the equilibrium, as derivatives need it; otherwise it may be a
     nearby one's. quick: it may be that with a `place`, too, from which a few corrections lead to derivatives
-    (`fe.solver.corrected`). Never raises for lack of convergence: `reason` then says what stopped it.
+    (`fe.solver.refinement`). Never raises for lack of convergence: `reason` then says what stopped it.
     """
     kernel, state, before = problem.kernel, _consistent(problem, start), np.inf
     extent = float(np.ptp(problem.case.nodes, axis=0).max())

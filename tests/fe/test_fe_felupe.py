@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, finger_case, solve
-from fe.deck.embedded import Embedded
 from fe.element import HEX27, Array
+from fe.engines.engine import Embedded
 from fe.kernel.assembly import ElementConstants, Kernel, State
 from fe.mesh.convert import converted
 

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from fe import Material
 from fe.element import Array
-from fe.laws import scaled
+from fe.material import scaled
 from tests.fe.lawpoints import energy, nominal_stress, stress, tangent
 
 LAWS = {
@@ -30,7 +30,7 @@ def deformed(seed: int) -> Array:
 
 
 def formula(F: Array, m: Material) -> Array:
-    """The energy as `fe.laws` states it, written out once more."""
+    """The energy as `fe.material` states it, written out once more."""
     J = np.linalg.det(F)
     C = np.swapaxes(F, -1, -2) @ F * J[..., None, None] ** (-2 / 3)
     x = np.trace(C, axis1=-2, axis2=-1) - 3

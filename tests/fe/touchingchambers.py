@@ -8,9 +8,9 @@ import numpy as np
 
 from fe import Block, Case, Clamp, Path, Support, solve
 from fe.case import SelfContact
-from fe.deck.calculix import CalculiX
-from fe.deck.writer import deck
 from fe.element import Array, Flags, Integers
+from fe.engines.calculix import CalculiX
+from fe.engines.writer import deck
 from fe.mesh.convert import converted
 
 TOUCH = 0.02  # MPa, of the two chambers

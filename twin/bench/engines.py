@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
-from fe.deck.abaqus import Abaqus
-from fe.deck.calculix import CalculiX
-from fe.deck.engine import Program
+from fe.engines.abaqus import Abaqus
+from fe.engines.calculix import CalculiX
+from fe.engines.engine import Program
 from twin.bench.caches import FolderCache
 from twin.executors.chosen import current
 from twin.executors.local import Processes, Threads

@@ -13,8 +13,8 @@ from pydantic import ValidationError
 
 from fe import Case, Finger, Lattice, Path
 from fe.mesh.mirror import mirrored, symmetry_support
+from fe.solver.limits import largest_stretch
 from fe.solver.newton import Problem
-from fe.solver.reach import largest_stretch
 from twin.bench.predicting import HIGH, LOW, turned
 from twin.bodies.finger import FLATNESS, FingerTable
 from twin.bodies.kinds import BodyTable

@@ -10,8 +10,8 @@ from calibrate import Fit
 from fe import Case, Path
 from fe.element import Integers
 from fe.mesh.points import nearest
+from fe.solver.limits import largest_stretch
 from fe.solver.newton import Problem
-from fe.solver.reach import largest_stretch
 from twin.bench.caches import FolderCache, SolvedList
 from twin.bench.engines import jobs_of
 from twin.bench.fits import newest

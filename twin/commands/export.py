@@ -9,8 +9,8 @@ from pydantic import Field
 from scipy.interpolate import CubicSpline
 from typer import Argument, Option
 
-from fe.deck.calculix import CalculiX, check, without_hybrid
-from fe.deck.writer import deck
+from fe.engines.calculix import CalculiX, check, without_hybrid
+from fe.engines.writer import deck
 from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file

@@ -11,8 +11,8 @@ import numpy as np
 
 from calibrate import Parameter
 from fe import Case, Solution
-from fe.deck.course import along
 from fe.element import Integers
+from fe.engines.course import along
 from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.gravity import ways
 from twin.laws.law import Constants

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fe import Case
-from fe.deck.embedded import Embedded
+from fe.engines.engine import Embedded
 from fe.mesh.refine import enriched
 
 SMALL = 1e-3  # of the shear modulus: a pressure at which the structure is linear

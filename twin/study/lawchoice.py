@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fe.solver.limits import largest_stretch
 from fe.solver.newton import Problem
-from fe.solver.reach import largest_stretch
 from twin.bench.workbench import Workbench
 from twin.diagnosis.deciding import TIE
 from twin.diagnosis.evidence import occam

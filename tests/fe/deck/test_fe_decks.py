@@ -10,10 +10,10 @@ import pytest
 
 from fe import Case, Lattice, Material, Path, Support, finger_case, solve
 from fe.case import Block, Clamp, Contact, Equation, Layer, SelfContact, Tie
-from fe.deck.calculix import CalculiX, without_hybrid
 from fe.deck.reader import read_deck
-from fe.deck.writer import deck
 from fe.element import ELEMENTS, Array, barycentric
+from fe.engines.calculix import CalculiX, without_hybrid
+from fe.engines.writer import deck
 from fe.mesh.convert import converted
 from fe.obstacles import Flat
 from fe.solver.newton import Problem, equilibrium

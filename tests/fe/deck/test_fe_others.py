@@ -12,11 +12,11 @@ import pytest
 
 from fe import Case, Path, Variation, solve
 from fe.case import Equation, Layer
-from fe.deck.embedded import Embedded
 from fe.deck.expressions import value_of
 from fe.deck.reader import Deck, read_deck
 from fe.deck.soundness import check_body
-from fe.deck.writer import deck as written
+from fe.engines.engine import Embedded
+from fe.engines.writer import deck as written
 from fe.kernel.assembly import Kernel
 from fe.kernel.pressure import PressureFaces
 from fe.kernel.tying import dependence

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from fe import Case, Support
-from fe.deck.calculix import CalculiX
-from fe.deck.embedded import Embedded
 from fe.deck.reader import read_deck
 from fe.element import ELEMENTS
+from fe.engines.calculix import CalculiX
+from fe.engines.engine import Embedded
 from fe.kernel.assembly import Kernel
 from fe.kernel.pressure import PressureFaces
 from fe.mesh.convert import converted

@@ -9,9 +9,9 @@ from scipy.optimize import brentq
 
 from fe import Case, Material, Path, Support, Variation, solve
 from fe.case import Contact
-from fe.deck.calculix import CalculiX
-from fe.deck.writer import deck
 from fe.element import Array
+from fe.engines.calculix import CalculiX
+from fe.engines.writer import deck
 from fe.kernel.contact import SMOOTH, ObstacleFaces
 from fe.mesh.convert import converted
 from fe.obstacles import Flat

@@ -8,7 +8,7 @@ import pytest
 
 from fe import Case, Path, Solution, Support, Variation, solve
 from fe.case import Contact
-from fe.deck.calculix import CalculiX
+from fe.engines.calculix import CalculiX
 from fe.kernel.contact import ObstacleFaces
 from fe.mesh.convert import converted
 from fe.obstacles import Flat

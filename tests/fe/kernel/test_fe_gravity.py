@@ -11,10 +11,10 @@ from scipy.optimize import brentq
 
 import fe.path
 from fe import Case, Finger, Lattice, Material, Path, Solution, Support, Variation, finger_case, solve
-from fe.deck.calculix import CalculiX
 from fe.deck.reader import read_deck
-from fe.deck.writer import deck
 from fe.element import ELEMENTS, Array
+from fe.engines.calculix import CalculiX
+from fe.engines.writer import deck
 from fe.mesh.convert import converted
 from fe.mesh.mirror import mirrored, symmetry_support
 from fe.solver.newton import Problem, equilibrium

@@ -9,8 +9,8 @@ from scipy.optimize import brentq
 
 from fe import Block, Case, Path, Support, Variation, solve
 from fe.case import SelfContact
-from fe.deck.writer import deck
 from fe.element import Array
+from fe.engines.writer import deck
 from fe.kernel.contact import SMOOTH
 from fe.kernel.selfcontact import SelfFaces
 from fe.mesh.convert import converted

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from fe import Finger, Lattice, solve
-from fe.deck import writer
-from fe.deck.abaqus import Abaqus
-from fe.deck.calculix import CalculiX
-from fe.deck.engine import EngineResult
+from fe.engines import writer
+from fe.engines.abaqus import Abaqus
+from fe.engines.calculix import CalculiX
+from fe.engines.engine import EngineResult
 from fe.mesh.convert import converted
 from tests.twin.conftest import Lines, plain_targets
 from twin import files

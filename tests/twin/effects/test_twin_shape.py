@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from fe import Case, Path, Variation, solve
-from fe.deck.calculix import CalculiX
-from fe.deck.embedded import Embedded
 from fe.deck.reader import read_deck
-from fe.deck.writer import deck
 from fe.element import ELEMENTS, Array
+from fe.engines.calculix import CalculiX
+from fe.engines.engine import Embedded
+from fe.engines.writer import deck
 from fe.kernel.assembly import Geometry
 from fe.mesh.convert import converted
 from fe.mesh.inner import inside

@@ -10,11 +10,11 @@ import pytest
 
 from fe import Case, Finger, Lattice, solve
 from fe import Path as Course
-from fe.deck.abaqus import Abaqus
-from fe.deck.calculix import CalculiX
-from fe.deck.course import over_pressure
-from fe.deck.engine import EngineResult
-from fe.deck.writer import deck
+from fe.engines.abaqus import Abaqus
+from fe.engines.calculix import CalculiX
+from fe.engines.course import over_pressure
+from fe.engines.engine import EngineResult
+from fe.engines.writer import deck
 from fe.mesh.convert import converted
 from twin.effects.library import effect
 from twin.effects.protocol import Unsolvable

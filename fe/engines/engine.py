@@ -1,6 +1,7 @@
-"""What an engine is: something that solves a case; and what it gives. Every engine has a file of its own."""
+"""The interface of an engine (`Engine`, `Program`), its result, and the built-in engine (`Embedded`)."""
 
 import shutil
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -9,6 +10,8 @@ import numpy as np
 
 from fe.case import Case
 from fe.element import Array, Integers
+from fe.path import Path as LoadPath
+from fe.solving import solve
 
 NONE, NO_COURSE = np.empty(0), np.empty((0, 0, 3))
 
@@ -89,3 +92,23 @@ def program(executable: str, what: str, install: str) -> str:
     if found is None:
         raise FileNotFoundError(f"{executable}: not found, wanted {what}; {install}")
     return found
+
+
+@dataclass(frozen=True)
+class Embedded:
+    """This package's own kernel."""
+
+    name: str = "embedded"
+
+    def solve(
+        self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0
+    ) -> EngineResult:
+        """The response of a case to a pressure in MPa and a gravity (3,) mm/s2, by default none."""
+        start, weight = time.perf_counter(), np.zeros(3) if gravity is None else gravity
+        ramp, share = np.array([0.0, 1.0]), np.linspace(0.0, 1.0, max(levels, 1) + 1)[1:]
+        found = solve(case, LoadPath(ramp, pressure * ramp, share, gravity=weight))
+        seconds = time.perf_counter() - start
+        if not found.converged:
+            return EngineResult.failed(found.reason, seconds)
+        course = found.fields(range(len(share)))
+        return EngineResult(case.labels, share, course, True, found.reason, seconds)

@@ -7,9 +7,9 @@ import pytest
 from fe import Case, Path, Solution, Variation, solve
 from fe.element import Array
 from fe.kernel.assembly import State
-from fe.solver.corrected import Corrected
+from fe.solver.historyvariables import Evaluated, Past
 from fe.solver.newton import Problem, Reached, Residual, equilibrium, imbalance, moved, tangent_at
-from fe.solver.past import Evaluated, Past
+from fe.solver.refinement import Corrected
 
 LOAD = 0.006
 CREEP = ((0.1, 1.0),)

@@ -16,12 +16,11 @@ import pytest
 
 from fe import Case, solve
 from fe import Path as Course
-from fe.deck.abaqus import EXTRACT, Abaqus
-from fe.deck.calculix import CalculiX
-from fe.deck.embedded import Embedded
-from fe.deck.engine import Engine
 from fe.deck.reader import read_deck
-from fe.deck.writer import steps_of
+from fe.engines.abaqus import EXTRACT, Abaqus
+from fe.engines.calculix import CalculiX
+from fe.engines.engine import Embedded, Engine
+from fe.engines.writer import steps_of
 from fe.mesh.convert import converted
 
 PRESSURE = 0.01  # MPa
@@ -237,7 +236,7 @@ else:
     wanted = {{"job": "job", "input": "job.inp", "cpus": "2", "domains": "2", "memory": "4gb"}}
     if {{k: v for k, v in options.items() if v}} != {{**wanted, "ask_delete": "OFF"}} or "interactive" not in options:
         sys.exit("Abaqus Error: the options are " + repr(options))
-    from fe.deck.calculix import CalculiX
+    from fe.engines.calculix import CalculiX
     text = (here / options["input"]).read_text()
     if "TYPE=C3D20RH" not in text or "*DSLOAD" not in text or not text.startswith("*HEADING"):
         sys.exit("Abaqus Error: the deck is not understood")

@@ -8,7 +8,7 @@ from fe.element import Array, Flags
 from fe.kernel import compiled
 from fe.kernel.assembly import Memory, Response, Softening
 from fe.kernel.contact import ObstacleFaces
-from fe.laws import relaxation
+from fe.material import relaxation
 from fe.solver.newton import Problem
 
 # The largest energy so far is kept this much smaller. A held state, or one that comes back to its largest

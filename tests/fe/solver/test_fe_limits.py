@@ -10,8 +10,8 @@ from scipy.optimize import minimize_scalar
 
 from fe import Case, Material, Path, solve
 from fe.element import Array
+from fe.solver.limits import crossing, largest_stretch
 from fe.solver.newton import Problem
-from fe.solver.reach import crossing, largest_stretch
 from tests.fe.test_fe_closed_forms import sphere
 
 ALONE = np.array([1.0])

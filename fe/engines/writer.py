@@ -7,9 +7,9 @@ import numpy as np
 
 from fe.case import Case, Layer, SelfContact, Support
 from fe.deck.hyperelastic import written_law
-from fe.deck.obstacle import MOST_BRICKS, touched
 from fe.element import Array, Integers
-from fe.laws import Material
+from fe.engines.obstacle import MOST_BRICKS, touched
+from fe.material import Material
 from fe.mesh.convert import converted
 
 INCREMENTS = 1000  # at most, of the automatic ones

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from fe.case import Case
-from fe.deck.engine import EngineResult, program
-from fe.deck.writer import deck, steps_of
 from fe.element import Array
+from fe.engines.engine import EngineResult, program
+from fe.engines.writer import deck, steps_of
 
 # Runs under Abaqus's own Python, of any version: the displacements of every node as text, at every increment
 # of the deck's last step. That takes 1 s; the time period of a step is not among the documented members of

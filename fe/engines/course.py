@@ -10,8 +10,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from fe.case import Case
-from fe.deck.engine import EngineResult
 from fe.element import Array, Integers
+from fe.engines.engine import EngineResult
 from fe.mesh.convert import filled, kept_nodes
 from fe.path import Path
 from fe.solver.curve import Curve

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from fe.case import Case
-from fe.deck.engine import EngineResult, program
-from fe.deck.writer import deck, steps_of
 from fe.element import Array
+from fe.engines.engine import EngineResult, program
+from fe.engines.writer import deck, steps_of
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from fe.element import Array, Flags, Integers
 from fe.kernel.assembly import ElementConstants, Memory, Response, State
 from fe.kernel.contact import off_the_clamp
 from fe.path import Path
-from fe.solver.corrected import Corrected
 from fe.solver.newton import Problem, Residual, imbalance
+from fe.solver.refinement import Corrected
 
 
 @dataclass(frozen=True)
