@@ -91,8 +91,15 @@ class Element:
         along = slopes @ corners  # (k, 2, 3)
         return value[:, self.faces[0]], gradient[:, self.faces[0]] @ np.swapaxes(along, 1, 2)
 
+    def clipped_to_face(self, st: Array) -> Array:
+        """Face coordinates (k, 2), brought inside the face."""
+        if not self.simplex:
+            return np.clip(st, -1.0, 1.0)
+        st = np.clip(st, 0.0, 1.0)
+        return st / np.maximum(st.sum(axis=1, keepdims=True), 1.0)
+
     def inside(self, xi: Array) -> float:
-        """How far a local point (3,) lies outside, in local units; not positive inside."""
+        """Distance of a local point (3,) outside the element, in local units; not positive inside."""
         if self.simplex:
             return float(max(-xi.min(), xi.sum() - 1))
         return float(np.abs(xi).max()) - 1

@@ -101,9 +101,9 @@ class Solution:
                 for n in h.derivative if len(own) else ():
                     along = curve.derivative_at(n, h.pressure[own])
                     for k, u, p in zip(own, along.u, along.p, strict=True):
-                        carried = moved(State(u, p), curve.slope(h.pressure[k]), h.slopes[n, k])
-                        state = State(h.derivative[n][k], h.p_derivative[n][k], carried.rotation)
-                        drift[k] = moved(drift[k], moved(state, carried, -1.0), change[n])
+                        on_curve = moved(State(u, p), curve.slope(h.pressure[k]), h.slopes[n, k])
+                        state = State(h.derivative[n][k], h.p_derivative[n][k], on_curve.rotation)
+                        drift[k] = moved(drift[k], moved(state, on_curve, -1.0), change[n])
             h = replace(h, drift=tuple(drift))
         return replace(self, curves=tuple(c.ahead(change) for c in self.curves), history=h)
 
@@ -116,13 +116,13 @@ class Solution:
     def at(self, points: Array) -> Array:
         """Displacements (s, p, 3) mm at the output times of undeformed points (p, 3) mm."""
         operator, h = self._operator(points), self.history
-        u = self._carried(operator, self.number, self.pressure)
+        u = self._on_curves(operator, self.number, self.pressure)
         if h is None or not h.active:
             return u
-        rest = _apply(operator, h.u) - self._carried(operator, h.number, h.pressure)
+        rest = _apply(operator, h.u) - self._on_curves(operator, h.number, h.pressure)
         return u + np.tensordot(h.weights, rest, 1)
 
-    def _carried(self, operator: csr_matrix, number: Integers, pressure: Array, order: int = 0) -> Array:
+    def _on_curves(self, operator: csr_matrix, number: Integers, pressure: Array, order: int = 0) -> Array:
         """Displacements (k, p, 3) mm on the curves `number` (k,) at pressures (k,) MPa, or their slopes."""
         out = np.empty((len(pressure), operator.shape[0], 3))
         for k, curve in enumerate(self.curves):
@@ -131,7 +131,7 @@ class Solution:
 
     def per_pressure(self, points: Array) -> Array:
         """dU/dp (s, p, 3) mm per MPa at the output times, at fixed history."""
-        slope = self._carried(self._operator(points), self.number, self.pressure, 1)
+        slope = self._on_curves(self._operator(points), self.number, self.pressure, 1)
         return slope / self.path.stiffness_at(self.path.output)[:, None, None]
 
     def variations_at(self, points: Array) -> Array:
@@ -149,7 +149,7 @@ class Solution:
         return du
 
     def _along(self, operator: csr_matrix, number: Integers, pressure: Array, slopes: Array) -> Array:
-        du = slopes[..., None, None] * self._carried(operator, number, pressure, 1)
+        du = slopes[..., None, None] * self._on_curves(operator, number, pressure, 1)
         for k, curve in enumerate(self.curves):
             du[:, number == k] += curve.derivatives(operator, pressure[number == k])
         return du

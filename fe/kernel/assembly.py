@@ -22,9 +22,9 @@ from fe.element import Array, Element, Flags, Integers, scatter
 from fe.kernel import compiled
 from fe.kernel.compiled import (
     Balance,
-    Carried,
     Changes,
     FieldArrays,
+    HistoryArrays,
     Law,
     MeshArrays,
     PointTangents,
@@ -137,12 +137,12 @@ class Softening:
 class Memory:
     """What a history material hands to one time step.
 
-    scale (e,) multiplies the new isochoric stress, less what softening takes off; carried (e, q, 3, 3) MPa is
-    the second Piola-Kirchhoff stress that does not depend on the new displacement.
+    scale (e,) multiplies the new isochoric stress, less what softening takes off; history_stress
+    (e, q, 3, 3) MPa is the second Piola-Kirchhoff stress that does not depend on the new displacement.
     """
 
     scale: Array
-    carried: Array
+    history_stress: Array
     softening: Softening | None = None
 
     def times(self, factor: float) -> "Memory":
@@ -152,14 +152,14 @@ class Memory:
             return self
         if soft is not None:
             soft = replace(soft, table=soft.table * [1.0, factor, 1.0], peak=factor * soft.peak)
-        return Memory(self.scale, factor * self.carried, soft)
+        return Memory(self.scale, factor * self.history_stress, soft)
 
     def stress(self, response: Response) -> Array:
         """Isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa, history included."""
         scale = self.scale[:, None]
         if self.softening is not None and response.energy is not None:
             scale = scale - self.softening.drop(response.energy)
-        return np.asarray(scale[..., None, None] * response.stress + self.carried)
+        return np.asarray(scale[..., None, None] * response.stress + self.history_stress)
 
 
 # The softening of none.
@@ -272,24 +272,24 @@ class Kernel:
         corners = self.connectivity[:, : self.modes] if self.element.shared else np.empty((0, 0), np.int64)
         self._corner = np.unique(corners, return_inverse=True)[1].reshape(corners.shape)
         self.shared = int(self._corner.max(initial=-1)) + 1
-        self._carrying = dict[str, Kernel]()  # by shares of the pressure
+        self._with_shares = dict[str, Kernel]()  # by shares of the pressure
         self._widened: tuple[str, Wider] | None = None  # the newest, by what meets
         self._clamp_faces = np.flatnonzero(np.isin(self.pressure.faces, self.clamped).any(axis=1))
         self._clamp_elements = np.flatnonzero(np.isin(self.connectivity, self.clamped).any(axis=1))
 
-    def carrying(self, shares: Array | None) -> "Kernel":
+    def with_shares(self, shares: Array | None) -> "Kernel":
         """The kernel whose pressurised faces (f,) carry so much of the pressure; pattern and solver stay
         common, as kernels are asked one after the other."""
         key = digest(shares)
-        if key not in self._carrying:
+        if key not in self._with_shares:
             free = np.zeros(self.dofs, bool)
             free[self.free] = True
             _ = self._places, self.matrix  # made before the copy, so that it has them, too
             found = copy(self)
             found.pressure = PressureFaces(self.pressure.faces, self.element, self.dofs // 3, shares)
             found._open = found.pressure.open_edges(self.geometry.nodes, free)
-            self._carrying[key] = found
-        return self._carrying[key]
+            self._with_shares[key] = found
+        return self._with_shares[key]
 
     @property
     def symmetric(self) -> bool:
@@ -366,17 +366,17 @@ class Kernel:
         rest = g.rest[rows] if len(g.rest) else g.rest
         return MeshArrays(g.G[rows], rest, g.weight[rows], g.psi[rows], self.connectivity[rows])
 
-    def _remembered(self, memory: Memory | None) -> Carried:
+    def _remembered(self, memory: Memory | None) -> HistoryArrays:
         """What the compiled loops want of a memory, or of none."""
         size = len(self.connectivity)
         if memory is None:
-            return Carried(np.ones(size), np.zeros((1, self.geometry.G.shape[1], 3, 3)), *_HARD)
+            return HistoryArrays(np.ones(size), np.zeros((1, self.geometry.G.shape[1], 3, 3)), *_HARD)
         # a copy that may be written, as without a memory: numba compiles anew for another kind of array
         soft, scale = memory.softening, np.full(size, memory.scale)
         if soft is None or not soft.table[:, 0].any():
-            return Carried(scale, memory.carried, *_HARD)
+            return HistoryArrays(scale, memory.history_stress, *_HARD)
         below = _HARD[2] if soft.below is None else soft.below
-        return Carried(scale, memory.carried, soft.table, soft.peak, below)
+        return HistoryArrays(scale, memory.history_stress, soft.table, soft.peak, below)
 
     def masses(self, density: Array, geometry: Geometry) -> Array:
         """Consistent nodal masses (n,) tonne of elements of densities (e,) tonne/mm3."""

@@ -59,14 +59,14 @@ class Changes(NamedTuple):
 
 
 class PointTangents(NamedTuple):
-    """Tangents A (e, q, 6, 3, 3) MPa of PAIRS of components, what is carried included; and how the volume
+    """Tangents A (e, q, 6, 3, 3) MPa of PAIRS of components, history stress included; and how the volume
     goes with F, volume (e, q, 3, 3)."""
 
     A: Array
     volume: Array
 
 
-class Carried(NamedTuple):
+class HistoryArrays(NamedTuple):
     """What a history hands on: scale (e,) and stress (e or 1, q, 3, 3) MPa; of Mullins softening, or empty:
     soft (e, 3) of amount, m, beta, the largest energy so far peak (e, q), and, where it is given, on which
     side of it each point is, sides (e, q)."""
@@ -144,7 +144,7 @@ def _pressure(psi: Array, p: Array) -> float:
 
 
 @part
-def _drop(past: Carried, W: float, e: int, q: int) -> tuple[float, float]:
+def _drop(past: HistoryArrays, W: float, e: int, q: int) -> tuple[float, float]:
     """What softening takes off the scale at one point of energy W, and the slope of the scale."""
     side = int(past.sides[e, q]) if len(past.sides) > 0 else -1
     return softened(W, past.soft[e], past.peak[e, q], side)
@@ -229,7 +229,7 @@ def isochoric_changes(
 
 
 @machine_code
-def carried(terms: Array, now: Array, decay: Array, viscous: Array, out: Array) -> None:
+def history_stress(terms: Array, now: Array, decay: Array, viscous: Array, out: Array) -> None:
     """Fills out (e, k): terms (m, e, k) after their decay (m, e), less `viscous` (e,) times now (e, k)."""
     for e in range(len(out)):
         for k in range(out.shape[1]):
@@ -279,7 +279,7 @@ def internal(mesh: MeshArrays, u: Array, S: Array, first: int, last: int, force:
 
 @machine_code
 def residual(
-    mesh: MeshArrays, law: Law, fields: FieldArrays, past: Carried, first: int, last: int, out: Balance
+    mesh: MeshArrays, law: Law, fields: FieldArrays, past: HistoryArrays, first: int, last: int, out: Balance
 ) -> None:
     """Fills the balance of elements."""
     points, n, modes = mesh.G.shape[1], mesh.G.shape[3], mesh.psi.shape[2]
@@ -319,9 +319,9 @@ def _stiffened(P: Array, slope: float, A: Array) -> None:
 
 @part
 def _stiffness_at(
-    law: Law, past: Carried, at: Point, pressure: float, e: int, q: int, A: Array
+    law: Law, past: HistoryArrays, at: Point, pressure: float, e: int, q: int, A: Array
 ) -> float:
-    """J at one point; fills its stress, and the tangent A (6, 3, 3) but for what is carried."""
+    """J at one point; fills its stress, and the tangent A (6, 3, 3) without the history stress."""
     c = law.c[e]
     J, I1, I2 = invariants(at)
     w1, w2, w11 = in_invariants(at, J, I1, I2, c)
@@ -340,7 +340,7 @@ def _stiffness_at(
 
 @part
 def _spread(mesh: MeshArrays, at: Point, S: Array, J: float, e: int, q: int, work: Work) -> None:
-    """Puts a point's stress, volume gradient and tangent, with the carried stress S (3, 3), into an element's
+    """Puts a point's stress, volume gradient and tangent, with the history stress S (3, 3), into an element's
     scratch."""
     w, G, A = mesh.w[e, q], mesh.G[e, q], work.A
     for i in range(3):
@@ -350,7 +350,7 @@ def _spread(mesh: MeshArrays, at: Point, S: Array, J: float, e: int, q: int, wor
                 work.spread[q, k, i, r] = w * J * at.a[i, k] * mesh.psi[e, q, r]
     for k in range(3):
         for pair in range(6):
-            same = w if pair < 3 else 0.0  # what is carried couples a component with itself
+            same = w if pair < 3 else 0.0  # the history stress couples a component with itself
             t0 = w * A[pair, k, 0] + same * S[k, 0]
             t1 = w * A[pair, k, 1] + same * S[k, 1]
             t2 = w * A[pair, k, 2] + same * S[k, 2]
@@ -414,7 +414,7 @@ def _assemble(e: int, out: Tangent, rows: Array, given: Array, K: Array) -> None
 
 @machine_code
 def linearise(
-    mesh: MeshArrays, law: Law, fields: FieldArrays, past: Carried,
+    mesh: MeshArrays, law: Law, fields: FieldArrays, past: HistoryArrays,
     first: int, last: int, out: Balance, to: Tangent,
 ) -> None:
     """As `residual`, with the pressure eliminated: condensed forces, and the tangent."""
@@ -445,7 +445,8 @@ def linearise(
 
 @machine_code
 def at_points(
-    mesh: MeshArrays, law: Law, fields: FieldArrays, past: Carried, first: int, last: int, out: PointTangents
+    mesh: MeshArrays, law: Law, fields: FieldArrays, past: HistoryArrays, first: int, last: int,
+    out: PointTangents,
 ) -> None:
     """Fills the tangents of points."""
     ue, at = np.empty((3, mesh.connectivity.shape[1])), new_point()
@@ -458,7 +459,7 @@ def at_points(
             for i in range(3):
                 for k in range(3):
                     out.volume[e, q, i, k] = J * at.a[i, k]
-                    for pair in range(3):  # what is carried couples a component with itself
+                    for pair in range(3):  # the history stress couples a component with itself
                         out.A[e, q, pair, i, k] += S[i, k]
 
 

@@ -29,13 +29,13 @@ class PressureFaces:
         # w (N_a dN_b - dN_a N_b) / 2, of the slopes along s and t (2, q, a, b)
         along = np.einsum("q,qa,qbk->kqab", self._weight, self._N, self._dN)
         self._swept = 0.5 * (along - np.swapaxes(along, 2, 3))
-        self._shares, self._carried = shares, dict[tuple[int, ...], float]()
+        self._shares, self._edge_shares = shares, dict[tuple[int, ...], float]()
         if shares is None:
             self.edges = _edges(self.faces, element)
             return
         own = [(s, _edges(self.faces[shares == s], element)) for s in np.unique(shares).tolist()]
         self.edges = np.concatenate([edges for _, edges in own])
-        self._carried = {tuple(edge): s for s, edges in own for edge in edges.tolist()}
+        self._edge_shares = {tuple(edge): s for s, edges in own for edge in edges.tolist()}
 
     def _tangents(self, x: Array) -> tuple[Array, Array]:
         t = np.einsum("fai,qak->kfqi", x[self.faces], self._dN, optimize=True)
@@ -81,7 +81,8 @@ class PressureFaces:
         turn = _cross_matrix(np.einsum("qa,gai->gqi", dN, x[edges]))
         C = 0.5 * np.einsum("q,qa,qb,gqij->gaibj", w, N, N, turn, optimize=True)
         if self._shares is not None:
-            C *= np.array([self._carried[tuple(edge)] for edge in edges.tolist()])[:, None, None, None, None]
+            shares = np.array([self._edge_shares[tuple(edge)] for edge in edges.tolist()])
+            C *= shares[:, None, None, None, None]
         dofs = (edges[:, :, None] * 3 + np.arange(3)).reshape(len(edges), 3 * size)
         return dofs, C.reshape(len(edges), 3 * size, 3 * size)
 

@@ -50,7 +50,7 @@ def _nearest(kind: Element, faces: Array, x: Array) -> tuple[Array, Array]:
     """Of places x (k, 3) the nearest ones (k, c, 3) on faces (k, c, m, 3), and the faces' shape functions (k,
     c, m) there: by Gauss-Newton's method, held inside the face."""
     line = np.linspace(0.0 if kind.simplex else -1.0, 1.0, SAMPLES)
-    grid = _inside(kind, np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2))
+    grid = kind.clipped_to_face(np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2))
     N = kind.on_face(grid)[0]
     away = np.linalg.norm(np.einsum("gm,kcmi->kcgi", N, faces) - x[:, None, None], axis=3)
     st = grid[away.argmin(axis=2)]  # (k, c, 2)
@@ -61,17 +61,9 @@ def _nearest(kind: Element, faces: Array, x: Array) -> tuple[Array, Array]:
         slope = np.einsum("kcmj,kcmi->kcij", dN, faces)
         normal = np.einsum("kcij,kcil->kcjl", slope, slope)
         step = np.linalg.solve(normal, np.einsum("kcij,kci->kcj", slope, gap)[..., None])[..., 0]
-        st = _inside(kind, (st + np.clip(step, -0.5, 0.5)).reshape(-1, 2)).reshape(*shape, 2)
+        st = kind.clipped_to_face((st + np.clip(step, -0.5, 0.5)).reshape(-1, 2)).reshape(*shape, 2)
     N = kind.on_face(st.reshape(-1, 2))[0].reshape(*shape, -1)
     return np.where(np.abs(N) > NOTHING, N, 0.0), np.einsum("kcm,kcmi->kci", N, faces)
-
-
-def _inside(kind: Element, st: Array) -> Array:
-    """Points (k, 2) of a face's coordinates, brought inside it."""
-    if not kind.simplex:
-        return np.clip(st, -1.0, 1.0)
-    st = np.clip(st, 0.0, 1.0)
-    return st / np.maximum(st.sum(axis=1, keepdims=True), 1.0)
 
 
 def dependence(case: Case) -> Dependence | None:

@@ -89,7 +89,7 @@ SHRINK = 30  # times the search's step is halved: from a quarter to 1e-10 of a f
 def nearest_on_faces(kind: Element, faces: Array, x: Array) -> Array:
     """The place (3,) mm on faces (f, m, 3) mm of elements of one kind that is nearest to x (3,) mm."""
     grid = np.linspace(0.0 if kind.simplex else -1.0, 1.0, SAMPLES)
-    st = _on_one_face(kind, np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2))
+    st = kind.clipped_to_face(np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2))
     away = np.linalg.norm(np.einsum("km,fmi->fki", kind.on_face(st)[0], faces) - x, axis=2)
     near = np.argsort(away.min(axis=1))[:SAMPLES]  # a neighbour of the face with the nearest sample, perhaps
     return _narrowed(kind, faces[near], x, st[away[near].argmin(axis=1)])
@@ -101,7 +101,7 @@ def _narrowed(kind: Element, faces: Array, x: Array, st: Array) -> Array:
     around = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 5)] * 2), axis=-1).reshape(-1, 2)
     every = np.arange(len(faces))
     for step in 0.25 * 0.5 ** np.arange(SHRINK):
-        tried = _on_one_face(kind, (st[:, None] + step * around).reshape(-1, 2))
+        tried = kind.clipped_to_face((st[:, None] + step * around).reshape(-1, 2))
         N = kind.on_face(tried)[0].reshape(len(faces), len(around), -1)
         places = N @ faces
         away = np.linalg.norm(places - x, axis=2)
@@ -109,11 +109,3 @@ def _narrowed(kind: Element, faces: Array, x: Array, st: Array) -> Array:
         st = tried.reshape(*places.shape[:2], 2)[every, best]
     face = int(away.min(axis=1).argmin())
     return np.asarray(places[face, best[face]])
-
-
-def _on_one_face(kind: Element, st: Array) -> Array:
-    """Points (k, 2) of a face's coordinates, brought inside it."""
-    if not kind.simplex:
-        return np.clip(st, -1.0, 1.0)
-    st = np.clip(st, 0.0, 1.0)
-    return st / np.maximum(st.sum(axis=1, keepdims=True), 1.0)

@@ -58,16 +58,17 @@ class Past:
         c, prony = problem.constants, problem.constants.prony
         g, (decay, ramp) = prony[..., 0], relaxation(prony, dt)
         viscous = (g * ramp).sum(0)
-        carried = np.empty_like(self.now)
+        history_stress = np.empty_like(self.now)
         flat = (len(self.now), self.now[0].size)
-        compiled.carried(
-            self.terms.reshape(len(g), *flat), self.now.reshape(flat), decay, viscous, carried.reshape(flat)
+        compiled.history_stress(
+            self.terms.reshape(len(g), *flat), self.now.reshape(flat), decay, viscous,
+            history_stress.reshape(flat),
         )
         softening = None
         if self.peak is not None and len(c.softening):
             table = c.softening * np.stack([1 - g.sum(0), *np.ones((2, len(viscous)))], axis=1)
             softening = Softening(table, self.peak, below)
-        return Memory(1 - g.sum(0) + viscous, carried, softening)
+        return Memory(1 - g.sum(0) + viscous, history_stress, softening)
 
     def after(self, seen: Evaluated, dt: float, below: Flags | None, slides: Flags | None) -> "Past":
         """The past after one more time step; of a neighbour, on the base's sides of the kinks."""

@@ -74,4 +74,4 @@ def _under(q: Problem, outside: Array, path: Path) -> Problem:
     q = q.under(row["gravity"])
     for place, pull in zip(path.places, row["pulls"], strict=True):
         q = replace(q, dead=spread(q.case, place).added(q.dead, pull)) if pull.any() else q
-    return q.carrying(dict(zip(path.chambers, row["shares"].tolist(), strict=True)))
+    return q.with_shares(dict(zip(path.chambers, row["shares"].tolist(), strict=True)))

@@ -185,12 +185,12 @@ class Problem:
         mass = self.kernel.masses(self.case.per_element("density"), self.geometry)
         return replace(self, dead=self.dead + mass[:, None] * gravity)
 
-    def carrying(self, shares: Mapping[str, float]) -> "Problem":
+    def with_shares(self, shares: Mapping[str, float]) -> "Problem":
         """The problem with surfaces that carry so much of the pressure, the others as before."""
         if not shares:
             return self
         case = replace(self.case, shares={**self.case.shares, **shares})
-        return replace(self, case=case, kernel=self.kernel.carrying(case.pressure_shares))
+        return replace(self, case=case, kernel=self.kernel.with_shares(case.pressure_shares))
 
     @property
     def shear(self) -> float:

@@ -36,7 +36,7 @@ def refused(case: Case, path: Path, variations: Sequence[Variation]) -> None:
     not computed."""
     for v in variations:
         for other, way in (v.plus, v.minus):
-            found = _not_carried(case, other) or _path_not_carried(path, way)
+            found = _unsupported_change(case, other) or _unsupported_path_change(path, way)
             if found:
                 raise ValueError(
                     f"a variation changes {found}: that derivative is not computed; keep it as it is in the "
@@ -44,7 +44,7 @@ def refused(case: Case, path: Path, variations: Sequence[Variation]) -> None:
                 )
 
 
-def _not_carried(base: Case, side: Case) -> str:
+def _unsupported_change(base: Case, side: Case) -> str:
     """What of a case differs that the derivative does not carry, or nothing."""
     if side is base:
         return ""
@@ -67,7 +67,7 @@ def _not_carried(base: Case, side: Case) -> str:
     return ""
 
 
-def _path_not_carried(base: Path, side: Path) -> str:
+def _unsupported_path_change(base: Path, side: Path) -> str:
     """What of a path differs that the derivative does not carry, or nothing."""
     if not _same(side.time, base.time):
         return "`time`, when the pressure is given"

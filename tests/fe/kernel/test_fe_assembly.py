@@ -187,8 +187,8 @@ def test_the_condensed_tangent_of_a_finger_at_a_random_state(
     load, h, size = 0.05, 1e-5, len(short.connectivity)
     memory = None
     if creeping:
-        carried = rng.normal(scale=0.05, size=(size, 27, 3, 3))
-        memory = Memory(rng.uniform(0.5, 1, size), carried + np.swapaxes(carried, 2, 3))
+        history_stress = rng.normal(scale=0.05, size=(size, 27, 3, 3))
+        memory = Memory(rng.uniform(0.5, 1, size), history_stress + np.swapaxes(history_stress, 2, 3))
     if softened:  # half of the points below their largest energy by far, the others above it
         peak = kernel.energies(u, c, kernel.geometry) * rng.choice([0.2, 3.0], (size, 27))
         memory = replace(memory, softening=Softening(np.tile([0.4, 2e-3, 0.3], (size, 1)), peak, None))
