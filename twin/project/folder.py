@@ -3,6 +3,7 @@
 import os
 import platform
 import re
+import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -330,14 +331,16 @@ def versions() -> Mapping[str, str]:
 
 
 def dataset(name: str) -> Path:
-    """The folder of a data set of the repository; ValueError where it is not installed."""
-    folder = Path(__file__).resolve().parents[2] / "datasets" / name
-    if not (folder / "twin.toml").is_file():
-        raise ValueError(
-            f"{folder}: data set {name!r} is not there; install from a clone of the repository "
-            "(`pip install -e .`), which holds the data sets"
-        )
-    return folder
+    """Folder of a data set: of a clone of the repository, else of the installed wheel, which has `quick`.
+    Raises ValueError where neither has it."""
+    places = (Path(__file__).resolve().parents[2] / "datasets", Path(sys.prefix) / "share" / "softtwin")
+    for folder in places:
+        if (folder / name / "twin.toml").is_file():
+            return folder / name
+    raise ValueError(
+        f"data set {name!r} is not there (looked in {places[0]} and {places[1]}): an installed wheel has the "
+        "quick demo alone, `twin demo --quick`; a clone of the repository has all (`pip install -e .`)"
+    )
 
 
 @contextmanager
