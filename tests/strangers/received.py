@@ -22,8 +22,9 @@ from twin.chain import stage_of
 from twin.commands.check import run_check
 from twin.project import trust
 from twin.project.cameratables import MeasureTable
-from twin.project.config import Config, _dictionary, _inside
+from twin.project.config import Config
 from twin.project.folder import Project
+from twin.tablemodel import _dictionary, _inside
 
 LINK = "raw/link"
 # Places in the recorded project, and what twin.toml says of them where it says nothing by itself.
