@@ -35,9 +35,9 @@ from fe import Path as Course
 from fe.engines.calculix import CalculiX
 from twin import files, virtual
 from twin.bench.fits import fit_file
-from twin.bench.predicting import WantedCourse, followed
 from twin.bench.workbench import Workbench
 from twin.bodies.finger import FingerTable
+from twin.calibrated.predictions import WantedCourse, followed
 from twin.judging.record import FitRecord
 from twin.messages import Silent
 from twin.project.folder import Project, dataset

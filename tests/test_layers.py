@@ -166,6 +166,33 @@ def test_a_circle_of_rooms_is_seen() -> None:
         TopologicalSorter(rooms("fe", imported)).prepare()
 
 
+GROUND_FLOOR = {"targets", "gravity", "sanity", "tablemodel", "marktables", "validation", "records", "files", "csvtable", "messages", "numerals", "effort"}
+ENGINE = GROUND_FLOOR | {
+    "laws", "effects", "bodies", "model", "contract", "executors", "judging", "gauge", "coupons", "review",
+    "virtual", "experiments", "formats", "drawing", "diagnosis", "calibrated",
+}  # fmt: skip
+
+
+def over_the_wall(imported: dict[str, set[str]]) -> set[tuple[str, str]]:
+    """Imports from an engine room, or the ground floor, into a room that knows the folder of a project."""
+    return {
+        (module, used)
+        for module, names in imported.items()
+        for used in names
+        if room_of(module).removeprefix("twin.") in ENGINE and used.startswith("twin.") and used in FILES
+        if room_of(used).removeprefix("twin.") not in ENGINE
+    }
+
+
+def test_the_engine_knows_no_folder() -> None:
+    """A twin is an object, and a project's folder one way to make it."""
+    rooms_now = {room_of(name).removeprefix("twin.") for name in FILES if name.startswith("twin.")}
+    assert rooms_now >= ENGINE, "a room has gone or was renamed: this test would see less than it says"
+    assert over_the_wall({name: imports_of(name) for name in FILES if name.startswith("twin.")}) == set()
+    breach = {"twin.judging.record": {"twin.records", "twin.project.folder"}}  # the mutant
+    assert over_the_wall(breach) == {("twin.judging.record", "twin.project.folder")}
+
+
 def test_every_room_says_what_it_is_for() -> None:
     silent = [
         name

@@ -95,7 +95,7 @@ def _deck(folder: Path, file: Path) -> None:
 def _record(folder: Path, file: Path) -> None:
     """A record as stages use it."""
     from twin import files
-    from twin.bench.caches import SolvedList
+    from twin.calibrated.caches import SolvedList
     from twin.diagnosis.explanation import EvidenceRecord
     from twin.diagnosis.record import DiagnosisRecord
     from twin.inputs.camerarecord import stored_cameras

@@ -121,3 +121,9 @@ def kept(fit_file: Path, fit: Fit, targets: Targets, *, file: str = JUDGED) -> J
     return Judgement(
         predicted=found["u"], comparison=made, errors=errors, jacobian=jacobian, crossed=str(found["crossed"])
     )
+
+
+def kept_errors(fit_file: Path, fit: Fit, targets: Targets) -> ModelErrors | None:
+    """The errors that the model of the fit in fit.json has there; None where `kept` has none."""
+    judgement = kept(fit_file, fit, targets)
+    return None if judgement is None else judgement.errors

@@ -10,10 +10,10 @@ from calibrate import Fit, Parameter
 from twin import files
 from twin.bench import waterfall
 from twin.bench.comparison import JUDGED, Judgement, compared, keep, kept
-from twin.bench.curvewords import told_of_tests, write_curves
 from twin.bench.effectlaws import begun_from, nominal
 from twin.bench.fits import fresh, newest, newest_fit
-from twin.bench.fittedby import fitted_by
+from twin.bench.materialtests import told_of_tests, write_curves
+from twin.bench.provenance import fitted_by
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
 from twin.judging.intervals import estimates, fit_record

@@ -6,7 +6,7 @@ from functools import partial
 from fe.engines.abaqus import Abaqus
 from fe.engines.calculix import CalculiX
 from fe.engines.engine import Program
-from twin.bench.caches import FolderCache
+from twin.calibrated.caches import FolderCache
 from twin.executors.chosen import current
 from twin.executors.local import Processes, Threads
 from twin.executors.protocol import Executor

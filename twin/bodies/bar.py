@@ -22,6 +22,7 @@ class BarTable(CellTable):
     """Dimensions of a solid bar, held at x = 0. It has no chamber: weight and hung weights load it."""
 
     kind: ClassVar[str] = "bar"
+    bends_down: ClassVar[bool] = False
     remedy: ClassVar[str] = "make it thicker or shorter"
 
     length_mm: Positive = Field(default=100.0, description="free length from the clamp to the end, mm")

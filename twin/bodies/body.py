@@ -59,6 +59,11 @@ class Body(Protocol):
         ...
 
     @property
+    def bends_down(self) -> bool:
+        """Whether it always bends to -z: others may lie or bend in any way."""
+        ...
+
+    @property
     def lattice(self) -> Any:
         """How its dimensions ask to be divided: a frozen dataclass whose `refine` divides every cell so many
         times in each direction."""

@@ -161,6 +161,7 @@ class BuiltIn:
     finger: "Finger" = field(default_factory=lambda: _study()[0])
     lattice: "Lattice" = field(default_factory=lambda: _study()[1])
     kind: ClassVar[str] = "finger"
+    bends_down: ClassVar[bool] = True
     remedy: ClassVar[str] = "make the pleats shallower or fewer, or the walls thinner"
 
     @staticmethod

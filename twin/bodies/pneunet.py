@@ -27,6 +27,7 @@ class PneunetTable(CellTable):
     """Dimensions of a PneuNet: chambers in a row over a channel that joins them, with gaps between them."""
 
     kind: ClassVar[str] = "pneunet"
+    bends_down: ClassVar[bool] = True
     remedy: ClassVar[str] = "make the walls thicker, or the chambers larger"
 
     chambers: int = Field(default=6, ge=1, le=100, description="number of chambers")

@@ -31,6 +31,7 @@ class TubeTable(CellTable):
     down."""
 
     kind: ClassVar[str] = "tube"
+    bends_down: ClassVar[bool] = False
     remedy: ClassVar[str] = "make the walls thicker, or edge_radius_mm smaller"
 
     section: Literal["round", "rectangular"] = Field(

@@ -16,7 +16,7 @@ from twin import files
 from twin.batches.order import Opened, batches_in
 from twin.batches.values import BatchValue, values_of
 from twin.bench.fits import fit_file, newest
-from twin.bench.othermodels import other_models
+from twin.bench.modeldifferences import other_models
 from twin.csvtable import as_text
 from twin.diagnosis.record import NONE, DiagnosisRecord
 from twin.judging.record import FitRecord

@@ -8,7 +8,7 @@ from twin.bench.comparison import foretold, write_prediction
 from twin.bench.effectchange import Change
 from twin.bench.engines import check_embedded
 from twin.bench.fits import newest_fit
-from twin.bench.losses import check_least_squares
+from twin.bench.priors import check_least_squares
 from twin.bench.workbench import Workbench, law_of_project, own_of
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.explanation import Explanation, explained

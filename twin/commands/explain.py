@@ -10,7 +10,7 @@ from twin import files
 from twin.bench.effectlaws import begun, begun_from, laws_of
 from twin.bench.engines import check_embedded
 from twin.bench.fits import newest, newest_fit
-from twin.bench.losses import check_least_squares
+from twin.bench.priors import check_least_squares
 from twin.bench.workbench import Workbench
 from twin.diagnosis.explanation import explained, table
 from twin.diagnosis.record import NONE, DiagnosisRecord

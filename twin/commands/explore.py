@@ -12,15 +12,9 @@ from pydantic import Field
 from typer import Option
 
 from twin import files
-from twin.bench.askedranges import asked_ranges
 from twin.bench.engines import check_embedded
-from twin.bench.exploring import (
-    FieldResponse,
-    FingerAnswer,
-    VariedFinger,
-    farthest,
-    tasks_of,
-)
+from twin.bench.explorationranges import asked_ranges
+from twin.calibrated.exploration import FieldResponse, FingerAnswer, VariedFinger, farthest, tasks_of
 from twin.commands.predict import pressure_of
 from twin.drawing.exploreplots import Coordinate, EffectPanel, draw_effects, draw_parallel
 from twin.executors.chosen import current

@@ -14,8 +14,8 @@ from fe.engines.writer import deck
 from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
-from twin.bench.predicting import Prediction, WantedCourse, predicted
 from twin.bench.workbench import Workbench
+from twin.calibrated.predictions import Prediction, WantedCourse, predicted
 from twin.commands.predict import asked, check_times, pressure_of
 from twin.effects.protocol import Effect, Order, Test
 from twin.gravity import of_targets

@@ -10,11 +10,11 @@ from pydantic import Field
 from typer import Option
 
 from twin import files
-from twin.bench.comparison import film_names
+from twin.bench.comparison import film_names, kept_errors
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
-from twin.bench.tradingoff import Keep, SolvedFit, TradeOff, masks_of, misfits, trade_off
 from twin.bench.workbench import Workbench
+from twin.calibrated.tradeoff import Keep, SolvedFit, TradeOff, masks_of, misfits, trade_off
 from twin.drawing.fitplots import draw_front
 from twin.judging.record import FitRecord
 from twin.messages import Say
@@ -87,7 +87,10 @@ def run_pareto(
     inputs = [project.targets_folder, *project.deck_files(), *project.effect_files()]
     extra = {"objectives": list(masks), "fit": file.parent.name}
     with project.new_run("pareto", seed=seed, inputs=inputs, extra=extra) as run:
-        found = trade_off(bench, file, fit, masks, seed=seed, say=say, keep=_keeping(run))
+        found = trade_off(
+            bench, fit, masks, seed=seed, say=say, keep=_keeping(run),
+            errors=kept_errors(file, fit, bench.targets),
+        )
         known = bench.targets.noise is not None
         names = [p.name for p in fit.parameters]
         made = _record(found, file.parent.name, seed, names, known)

@@ -15,13 +15,14 @@ from typer import Option
 from calibrate import Fit
 from calibrate.posteriors import END, Chain
 from twin import files
+from twin.bench.comparison import kept_errors
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file, newest
-from twin.bench.losses import check_least_squares
-from twin.bench.predicting import NORMAL, why_none
-from twin.bench.profiling import Profiler, profiled_names, sd_of
-from twin.bench.sampling import Sample, Sampler, WholeSolve
+from twin.bench.priors import check_least_squares
 from twin.bench.workbench import Workbench
+from twin.calibrated.posterior import Sample, Sampler, WholeSolve
+from twin.calibrated.predictions import NORMAL, why_none
+from twin.calibrated.profiles import Profiler, profiled_names, sd_of
 from twin.commands.profile import ProfilesRecord
 from twin.drawing.uncertaintyplots import draw_band, draw_corner
 from twin.judging.likelihood import held
@@ -161,7 +162,7 @@ def run_posterior(
     extra = {"fit": file.parent.name, "steps": steps}
     inputs = [project.targets_folder, *project.deck_files(), *project.effect_files()]
     with project.new_run("posterior", seed=seed, inputs=inputs, extra=extra) as run:
-        profiler = Profiler.of(bench, file, fit, say)
+        profiler = Profiler.of(bench, fit, say, errors=kept_errors(file, fit, bench.targets))
         sampler = Sampler.of(profiler, RunKeeping(run, say))
         sample = sampler.sample(seed=seed, most=steps)
         known = profiles if profiles is not None and profiles.fit == file.parent.name else None

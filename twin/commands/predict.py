@@ -14,14 +14,14 @@ from typer import Option
 from fe.element import triangles
 from fe.mesh.points import nearest
 from twin import files
-from twin.bench.blocking import Blocked, blocked_force
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
-from twin.bench.inverting import Inverse, Wanted, pressure_for
 from twin.bench.positions import ON_FINGER_MM
-from twin.bench.predicting import NORMAL, Prediction, WantedCourse, predicted
-from twin.bench.touching import beside, rising, touched
 from twin.bench.workbench import Workbench
+from twin.calibrated.blockedforce import Blocked, blocked_force
+from twin.calibrated.inverse import Inverse, Wanted, pressure_for
+from twin.calibrated.objectforce import beside, rising, touched
+from twin.calibrated.predictions import NORMAL, Prediction, WantedCourse, predicted
 from twin.commands.predictchambers import filling_notes, shares_of_words
 from twin.commands.predictobject import (
     PredictedContact,

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from twin.bench.predicting import SAME
+from twin.calibrated.predictions import SAME
 from twin.targets import Targets
 
 

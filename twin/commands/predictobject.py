@@ -6,8 +6,8 @@ import numpy as np
 from pydantic import Field
 
 from fe.element import triangles
-from twin.bench.touching import RISE, Touched
 from twin.bench.workbench import Workbench
+from twin.calibrated.objectforce import RISE, Touched
 from twin.drawing.touchplot import draw_touch
 from twin.model.objects import RigidObject
 from twin.records import Maybe, Record

@@ -14,11 +14,12 @@ from typer import Argument
 from calibrate import Fit
 from calibrate.profiles import IDENTIFIED, LEVELS, NOT_IDENTIFIED, End, Profile
 from twin import files
+from twin.bench.comparison import kept_errors
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
-from twin.bench.predicting import NORMAL, why_none
-from twin.bench.profiling import ENDS, Profiler, profiled_names, sd_of
 from twin.bench.workbench import Workbench
+from twin.calibrated.predictions import NORMAL, why_none
+from twin.calibrated.profiles import ENDS, Profiler, profiled_names, sd_of
 from twin.drawing.uncertaintyplots import ProfileCurve, draw_profiles
 from twin.judging.likelihood import held
 from twin.judging.record import FitRecord
@@ -132,7 +133,8 @@ def _rows(
 
     say.progress("profile", ended, total)
     if left:
-        for profile in Profiler.of(bench, file, fit, say).profiles(left, step):
+        profiler = Profiler.of(bench, fit, say, errors=kept_errors(file, fit, bench.targets))
+        for profile in profiler.profiles(left, step):
             done[profile.name] = _row(profile, fit)
             run.append({"profile": files.plain(done[profile.name])})
     return tuple(done[name] for name in wanted)

@@ -8,7 +8,7 @@ from twin import files
 from twin.batches.former import former_of
 from twin.batches.values import BatchChange, changes_of, values_of
 from twin.bench.fits import fit_file, fresh, named_effects, newest, stale_sentences
-from twin.bench.othermodels import other_effects
+from twin.bench.modeldifferences import other_effects
 from twin.chain import STAGES, TARGETS, Stage, When, kinds_writing
 from twin.commands.check import check_project
 from twin.diagnosis.record import DiagnosisRecord

@@ -8,8 +8,8 @@ import numpy as np
 
 from twin import effort, files
 from twin.batches.series import earlier_facts
-from twin.bench.curvewords import told_of_tests
 from twin.bench.fits import fresh, newest
+from twin.bench.materialtests import told_of_tests
 from twin.chain import FIT, kinds_writing
 from twin.diagnosis.record import RankingRow
 from twin.effects.labels import name_of

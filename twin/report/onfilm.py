@@ -193,7 +193,7 @@ class _Sight:
             return np.concatenate(parts)
 
         key = f"edge-{self._key(stair, values)[:16]}"
-        moved = self._bench.cache(self.say)(f"{stair.done}, along the film", {key: edge})[key]
+        moved = self._bench.store.cache(self.say)(f"{stair.done}, along the film", {key: edge})[key]
         rows = np.flatnonzero(~self.targets.fixed)
         path = fit.with_name("prediction.npz")
         return moved, (files.read_npz(path, "u")["u"] if stair.run else drawn().u)[:, rows]

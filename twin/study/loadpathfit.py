@@ -198,7 +198,7 @@ def _load_paths(
     own = bench.elasticity
     if bench.scales and table and bench.law == MOONEY_RIVLIN and not wide and held is None:
         return Turned((table.load_paths(bench.case, where),), of_step)
-    cache, key, top = bench.cache(say), bench.structure.key, REDUCED
+    cache, key, top = bench.store.cache(say), bench.structure.key, REDUCED
     highest = rounded_up(max(float(bench.targets.pressure.max()), LEAST_MPA))
     if not isinstance(bench.structure.body, BuiltIn):  # REDUCED is of fingers alone
         top = reach(bench.case, bench.law, highest / own.scales[0], cache=cache, key=key)

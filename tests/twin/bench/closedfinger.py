@@ -1,8 +1,8 @@
 """Virtual tests of a finger in closed form: how often profile and posterior hold the truth.
 
 Each trial draws the noise, and by how much a mesh is too stiff (5 %, 1 sd), fits C10, C01 and a creep that is
-near its bound, and asks `profile_likelihood` and a chain on `twin.bench.sampling.Density` for 95 % intervals
-of the three and of C10 + C01. Chains have 750 steps, some 30 autocorrelation times after their beginning.
+near its bound, and asks `profile_likelihood` and a chain on `twin.calibrated.posterior.Density` for 95 %
+intervals of the three and of C10 + C01. Chains have 750 steps, some 30 autocorrelation times after their beginning.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from calibrate import Fit, Parameter, least_squares, profile_likelihood
 from calibrate.fit import Jacobian, Residual
 from calibrate.posteriors import END, sampled
 from calibrate.profiles import Held
-from twin.bench.sampling import Density
+from twin.calibrated.posterior import Density
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.targets import Array
 

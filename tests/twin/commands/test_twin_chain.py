@@ -18,9 +18,9 @@ from fe import Case, Lattice, Material
 from fe import Path as Course
 from tests.twin.conftest import page_text
 from twin import files, virtual
-from twin.bench import sampling, tradingoff
 from twin.bench.fits import fit_file
 from twin.bench.workbench import Workbench
+from twin.calibrated import posterior, tradeoff
 from twin.chain import stage_of
 from twin.commands import pareto, profile
 from twin.commands.add import run_add
@@ -536,15 +536,15 @@ def test_a_front_says_whether_points_contradict_each_other(
     model = full.config.model.model_copy(update={"effects": ()})
     project = replace(full, config=full.config.model_copy(update={"model": model}))
     for name, size in (("KEPT", 3), ("SOLVES", 2), ("GENERATIONS", 6)):
-        monkeypatch.setattr(tradingoff, name, size)
+        monkeypatch.setattr(tradeoff, name, size)
     say = Silent()
     with monkeypatch.context() as patch:
         patch.setattr(pareto, "draw_front", _interrupted)
         with pytest.raises(KeyboardInterrupt):
             run_pareto(project, say, objectives="tip,middle.U3")
     with monkeypatch.context() as patch:  # fits and points that were solved before the interrupt are kept
-        patch.setattr(tradingoff, "_alone", _no_solve)
-        patch.setattr(tradingoff, "_solved", _no_solve)
+        patch.setattr(tradeoff, "_alone", _no_solve)
+        patch.setattr(tradeoff, "_solved", _no_solve)
         found = run_pareto(project, say, objectives="tip,middle.U3")
     objectives = found["objectives"]
     assert [row["name"] for row in objectives] == ["tip", "middle.U3"]
@@ -620,7 +620,7 @@ def test_a_posterior_says_how_likely_all_parameters_are(
         with pytest.raises(KeyboardInterrupt):
             run_posterior(project, say)
     with monkeypatch.context() as patch:
-        patch.setattr(sampling, "sampled", _going_on(sampling.sampled))
+        patch.setattr(posterior, "sampled", _going_on(posterior.sampled))
         found = run_posterior(project, say)
     assert len(project.runs()) == number + 1
     assert found["trusted"]

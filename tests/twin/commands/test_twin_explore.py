@@ -10,9 +10,9 @@ import pytest
 from fe import Lattice
 from fe.mesh.finger import NAMED_NODES
 from tests.twin.conftest import SHORT, Lines
-from twin.bench import exploring
-from twin.bench.askedranges import asked_ranges
-from twin.bench.exploring import FieldResponse, FingerAnswer, solved_row
+from twin.bench.explorationranges import asked_ranges
+from twin.calibrated import exploration
+from twin.calibrated.exploration import FieldResponse, FingerAnswer, solved_row
 from twin.commands import explore
 from twin.commands.explore import run_explore, told
 from twin.executors.chosen import using
@@ -54,7 +54,7 @@ def test_dimensions_and_constants_are_solved_and_what_cannot_be_meshed_is_a_row(
         with pytest.raises(KeyboardInterrupt):
             run_explore(project, say, **asked)  # type: ignore[arg-type]
     with monkeypatch.context() as patch:  # what was solved before the interrupt is kept
-        patch.setattr(exploring.Model, "solved", _interrupted)
+        patch.setattr(exploration.Model, "solved", _interrupted)
         found = run_explore(project, say, **asked)  # type: ignore[arg-type]
     rows = found["rows"]
     assert [list(row["values"].values()) for row in rows] == [
@@ -85,7 +85,7 @@ def test_dimensions_and_constants_are_solved_and_what_cannot_be_meshed_is_a_row(
 
 def test_a_response_answers_as_whole_solves_do(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
     """The field of all nodes, so that the highest stretch is as exact as the tip."""
-    monkeypatch.setattr(exploring, "SOLVES", 3)
+    monkeypatch.setattr(exploration, "SOLVES", 3)
     finger, variables, _ = asked_ranges(project, ["C10=0.2:0.3", "C01=0.05:0.1"], 0.015)
     response = FieldResponse.of(finger, variables)
     row = {"C10": 0.23, "C01": 0.08}
@@ -107,12 +107,12 @@ def test_the_stretch_of_a_finger_is_that_of_its_field(project: Project) -> None:
     nodes = finger.case.nodes
     u = np.zeros_like(nodes)
     u[:, 0] = 0.2 * nodes[:, 0]
-    found = exploring._shown(exploring.Problem.of(finger.case), u)
+    found = exploration._shown(exploration.Problem.of(finger.case), u)
     assert found.stretch == pytest.approx(1.2, rel=1e-9)
     assert (found.u1_mm, found.u3_mm, found.angle_deg) == pytest.approx((0.2 * SHORT.length, 0.0, 0.0), abs=1e-9)
     face = nodes[:, 0] > nodes[:, 0].max() - 1e-6
     u[face, 0] += 0.1 * nodes[face, 2]  # the upper edge goes ahead: it bends down
-    assert exploring._shown(exploring.Problem.of(finger.case), u).angle_deg == pytest.approx(np.degrees(np.arctan(0.1)))
+    assert exploration._shown(exploration.Problem.of(finger.case), u).angle_deg == pytest.approx(np.degrees(np.arctan(0.1)))
 
 
 WRONG = [

@@ -10,8 +10,8 @@ from fe.homogeneous import nominal_stress
 from tests.twin.commands.test_twin_chain import NAMES, Silent, X
 from twin import files, virtual
 from twin.bench.fits import fit_file, stale
-from twin.bench.profiling import sd_of
 from twin.bench.workbench import BEYOND, Workbench
+from twin.calibrated.profiles import sd_of
 from twin.commands.calibrate import run_calibrate
 from twin.commands.check import run_check
 from twin.coupons.testtable import MaterialTestTable

@@ -12,7 +12,7 @@ import pytest
 
 from calibrate import Fit, Parameter
 from calibrate.posteriors import Chain
-from twin.bench.sampling import Sample, WholeSolve
+from twin.calibrated.posterior import Sample, WholeSolve
 from twin.commands import posterior
 from twin.commands.posterior import PosteriorRecord, RunKeeping
 from twin.project.folder import Run

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from tests.twin.diagnosis.toy import Toy, smooth_field, targets
-from twin.bench import inverting
-from twin.bench.blocking import _kept
-from twin.bench.inverting import Wanted, first_crossing
-from twin.bench.leftopen import Uncertain, told_by_film
-from twin.bench.predicting import GAP, HIGH, LOW, Prediction, WantedCourse, after, turned
 from twin.bench.workbench import Workbench
+from twin.calibrated import inverse
+from twin.calibrated.blockedforce import _kept
+from twin.calibrated.inverse import Wanted, first_crossing
+from twin.calibrated.predictionerrors import Uncertain, told_by_film
+from twin.calibrated.predictions import GAP, HIGH, LOW, Prediction, WantedCourse, after, turned
 from twin.commands.predict import _gravity, _notes, asked, pressure_of, run_predict
 from twin.effects.protocol import Unsolvable
 from twin.project.folder import Project, dataset
@@ -200,15 +200,15 @@ def test_the_pressure_for_a_displacement_gives_it(bench: Workbench, monkeypatch:
         tried.extend(float(c.pressure[-1]) for c in courses)
         return np.array([moved(c.pressure[-1]) for c in courses])
 
-    monkeypatch.setattr(inverting, "predicted", told)
-    monkeypatch.setattr(inverting, "_reached", reached)
+    monkeypatch.setattr(inverse, "predicted", told)
+    monkeypatch.setattr(inverse, "_reached", reached)
     top, places = float(bench.targets.log_pressure.max()), {"tip": np.zeros(3)}
 
     held = partial(WantedCourse.held, ramp_s=2.0, hold_s=2.0)
 
-    def at(value: float) -> inverting.Inverse:
+    def at(value: float) -> inverse.Inverse:
         wanted = Wanted("tip", 2, value)
-        return inverting.pressure_for(bench, None, wanted, places, lambda text: None, held)  # type: ignore[arg-type]
+        return inverse.pressure_for(bench, None, wanted, places, lambda text: None, held)  # type: ignore[arg-type]
 
     found = at(moved(np.array(0.6 * top)) + 0.3)
     assert found.pressure == pytest.approx(0.6 * top, rel=1e-3)

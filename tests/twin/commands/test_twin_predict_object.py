@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.bench.predicting import WantedCourse
-from twin.bench.touching import RISE, Touched, beside, rising
 from twin.bench.workbench import Workbench
+from twin.calibrated.objectforce import RISE, Touched, beside, rising
+from twin.calibrated.predictions import WantedCourse
 from twin.commands.predict import run_predict
 from twin.commands.predictobject import contact_csv, contact_picture, contact_rows, pushed, told
 from twin.effects.library import effect

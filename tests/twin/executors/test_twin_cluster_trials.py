@@ -108,7 +108,7 @@ from functools import partial
 from pathlib import Path
 import numpy as np
 from tests.twin.executors.test_twin_cluster_trials import walked
-from twin.bench.caches import FolderCache
+from twin.calibrated.caches import FolderCache
 from twin.executors.clusters import on_cluster
 class Say:
     def __call__(self, text, /): print(text)
@@ -153,7 +153,7 @@ def test_a_killed_client_or_scheduler_keeps_what_was_made(tmp_path: Path, victim
             assert done.returncode == 0, done.stderr
             found = {path.stem: np.load(path)["array"] for path in cache.glob("[!.]*.npz")}
         else:
-            from twin.bench.caches import FolderCache
+            from twin.calibrated.caches import FolderCache
 
             found = FolderCache(cache, Quiet())("walks", {str(k): partial(arrayed, k) for k in range(40)})
     assert {path.name: path.stat().st_mtime_ns for path in cache.glob("[!.]*.npz") if path.name in made} == made

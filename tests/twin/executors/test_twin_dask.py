@@ -15,7 +15,7 @@ import pytest
 from fe import Case
 from tests.twin.executors.clusterbench import ClusterBench
 from twin import effort
-from twin.bench.caches import FolderCache
+from twin.calibrated.caches import FolderCache
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
 from twin.executors.chosen import current, using

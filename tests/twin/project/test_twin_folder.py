@@ -17,7 +17,7 @@ import pytest
 from numpy.lib import format as npy
 
 from twin import files
-from twin.bench.caches import SolvedRows
+from twin.calibrated.caches import SolvedRows
 from twin.diagnosis.record import DiagnosisRecord
 from twin.inputs.camerarecord import CameraRecord
 from twin.judging.record import FitRecord

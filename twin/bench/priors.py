@@ -16,6 +16,17 @@ from twin.targets import KnownValue
 TAILS = {LEAST_SQUARES: 0.0, STUDENT: NU}  # degrees of freedom of the errors; 0: normal ones
 
 
+def check_least_squares(project: Project, stage: str) -> None:
+    """ValueError for a stage that weighs all values alike, where the fit does not."""
+    loss = project.config.calibrate.loss
+    if loss != LEAST_SQUARES:
+        raise ValueError(
+            f"calibrate.loss = {loss!r}: {stage} counts every value in full, gross errors too, and would "
+            "take these for physics; take the values that fit.json names (down_weighted) out of the "
+            f'targets, set loss = "{LEAST_SQUARES}" under [calibrate] and run twin calibrate again'
+        )
+
+
 def known_values(
     project: Project, law: RubberLaw, own: Callable[[Project], Sequence[Effect]]
 ) -> tuple[KnownValue, ...]:

@@ -15,9 +15,9 @@ from fe import Case, Finger, Lattice, Path
 from fe.mesh.mirror import mirrored, symmetry_support
 from fe.solver.limits import largest_stretch
 from fe.solver.newton import Problem
-from twin.bench.predicting import HIGH, LOW, turned
 from twin.bodies.finger import FLATNESS, FingerTable
 from twin.bodies.kinds import BodyTable
+from twin.calibrated.predictions import HIGH, LOW, turned
 from twin.effects.protocol import Effect, Order, Test, Unsolvable
 from twin.experiments.designs import Variable
 from twin.model.answering import RangedResponse

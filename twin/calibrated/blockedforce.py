@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.bench.leftopen import Uncertain, told_by_film
-from twin.bench.predicting import HIGH, LOW, SAME, WantedCourse, followed, interval, why_none
-from twin.bench.workbench import Workbench
+from twin.calibrated.predictionerrors import Uncertain, told_by_film
+from twin.calibrated.predictions import HIGH, LOW, SAME, WantedCourse, followed, interval, why_none
+from twin.calibrated.problem import CalibrationProblem
 from twin.effects.acting import OutsideForce
 from twin.effects.protocol import Unsolvable
 from twin.judging.record import FitRecord
@@ -44,12 +44,12 @@ class Blocked:
         return interval(self.force, self.sd, self.why)
 
 
-def blocked_force(bench: Workbench, record: FitRecord, course: WantedCourse, say: Say) -> Blocked:
+def blocked_force(problem: CalibrationProblem, record: FitRecord, course: WantedCourse, say: Say) -> Blocked:
     """The force at the end of a course. ValueError where none is found that keeps the end at its height."""
-    own, model = followed(bench, record, [course], {}, say)
+    own, model = followed(problem, record, [course], {}, say)
     theta, fitted = record.fit.theta, model.named(record.fit.theta)
     pressure = float(np.interp(course.output[-1], course.time, course.pressure))
-    beyond = pressure > SAME * float(bench.targets.log_pressure.max())
+    beyond = pressure > SAME * float(problem.targets.log_pressure.max())
     push = OutsideForce(1.0, ("up",), growing=True)
     (name,) = (p.name for p in push.parameters)
     bare = model.on_mesh(None)
@@ -67,10 +67,10 @@ def blocked_force(bench: Workbench, record: FitRecord, course: WantedCourse, say
 
     rate, slope = _kept(height, pressure)
     uncertain = Uncertain.of(model, theta, record, own, beyond=beyond)
-    columns, s = uncertain.columns.copy(), len(bench.targets.time)
+    columns, s = uncertain.columns.copy(), len(problem.targets.time)
     free = [p.name != name and p.name not in record.at_bound for p in pushed.parameters]
     columns[: sum(free), s:] = pushed.jacobian(at(rate))[free][:, s:]
-    change, factors = told_by_film(bench.targets, model, theta, replace(uncertain, columns=columns))
+    change, factors = told_by_film(problem.targets, model, theta, replace(uncertain, columns=columns))
     if record.adequate:  # what the film asks of mesh and laws moves the end, too
         rate -= _height(own, change) / slope
     off = np.array([_height(own, one) for one in factors])

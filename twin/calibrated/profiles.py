@@ -9,15 +9,13 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from calibrate import Fit, least_squares, profile_likelihood
 from calibrate.fit import Jacobian, Residual
 from calibrate.profiles import LEVELS, Profile
-from twin.bench.comparison import kept
-from twin.bench.workbench import Workbench
+from twin.calibrated.problem import CalibrationProblem
 from twin.executors.chosen import current
 from twin.judging.fitting import ModelErrors, whitened
 from twin.judging.likelihood import SHARE, TOTAL, held
@@ -43,13 +41,14 @@ def sd_of(fit: Fit, name: str) -> float:
     return float(np.sqrt(max(way[way != 0] @ block @ way[way != 0], 0.0)))
 
 
-def with_own_errors(bench: Workbench, file: Path, fit: Fit, say: Say) -> tuple[Model, ModelErrors]:
-    """The model of the fit in a fit.json on its mesh, and its errors there."""
-    made = kept(file, fit, bench.targets)
-    if made is None:  # kept by other code than that of now
-        judged = bench.judged_fit(bench.model(), fit, say)
+def with_own_errors(
+    problem: CalibrationProblem, fit: Fit, say: Say, *, errors: ModelErrors | None = None
+) -> tuple[Model, ModelErrors]:
+    """The model of a fit on its mesh, and its errors there; errors: where they are known."""
+    if errors is None:
+        judged = problem.judged_fit(problem.model(), fit, say)
         return judged.model, judged.errors
-    return bench.on_mesh(bench.model(), fit.theta, say), made.errors
+    return problem.on_mesh(problem.model(), fit.theta, say), errors
 
 
 @dataclass(frozen=True)
@@ -63,12 +62,14 @@ class Profiler:
     theta: Array
 
     @staticmethod
-    def of(bench: Workbench, file: Path, fit: Fit, say: Say) -> "Profiler":
-        """That of the fit in a fit.json."""
-        model, errors = with_own_errors(bench, file, fit, say)
-        residual, jacobian, _ = whitened(model, bench.targets, errors.whitener(bench.targets))
+    def of(
+        problem: CalibrationProblem, fit: Fit, say: Say, *, errors: ModelErrors | None = None
+    ) -> "Profiler":
+        """The profiler of a fit; errors: its model's, where they are known."""
+        model, errors = with_own_errors(problem, fit, say, errors=errors)
+        residual, jacobian, _ = whitened(model, problem.targets, errors.whitener(problem.targets))
         best = least_squares(residual, jacobian, fit.parameters, start=fit.theta, tolerance=TOLERANCE)
-        return Profiler(fit, model, bench.targets, errors, best.theta)
+        return Profiler(fit, model, problem.targets, errors, best.theta)
 
     def profiles(self, names: Sequence[str], step: Callable[[], None]) -> Iterator[Profile]:
         """The profile of each name as it is done, by the executor in use; step: called after each of its

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.bench.othermodels import other_models
+from twin.bench.modeldifferences import other_models
 from twin.project.folder import Project, dataset
 
 CORPUS = Path(__file__).resolve().parents[2] / "corpora" / "deck"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from calibrate import Fit, Parameter
-from twin.bench import profiling
-from twin.bench.profiling import ENDS, Profiler
+from twin.calibrated import profiles
+from twin.calibrated.profiles import ENDS, Profiler
 from twin.executors.chosen import using
 from twin.executors.local import Serial
 
@@ -38,7 +38,7 @@ def found(around: Any, *, held: Any, theta: np.ndarray, step: Callable[[], None]
 def test_a_profile_knows_nothing_of_the_others(
     executor: Any, order: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(profiling, "profile_likelihood", found)
+    monkeypatch.setattr(profiles, "profile_likelihood", found)
     fit = Fit(TWO, THETA, 1e-6 * np.eye(2), 1.0, 9, 0, 1, True, "converged", ())
     profiler = Profiler(fit, [], None, None, THETA)  # type: ignore[arg-type]
     steps: list[None] = []

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import count as counting
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +17,8 @@ from scipy.stats import chi2 as chi2_distribution
 
 from calibrate import Fit, Parameter, least_squares
 from calibrate.fronts import GENERATIONS, Front, pareto_front
-from twin.bench.profiling import with_own_errors
-from twin.bench.workbench import Workbench
+from twin.calibrated.problem import CalibrationProblem
+from twin.calibrated.profiles import with_own_errors
 from twin.effects.protocol import Unsolvable
 from twin.judging.fitting import ModelErrors, whitened
 from twin.judging.whitening import Whitener
@@ -191,14 +190,14 @@ def anew(name: str, make: Callable[[], Made]) -> Made:
 
 
 def trade_off(
-    bench: Workbench, file: Path, fit: Fit, masks: Mapping[str, NDArray[np.bool_]], *, seed: int, say: Say,
-    keep: Keep = anew,
+    problem: CalibrationProblem, fit: Fit, masks: Mapping[str, NDArray[np.bool_]], *, seed: int, say: Say,
+    keep: Keep = anew, errors: ModelErrors | None = None,
 ) -> TradeOff:  # fmt: skip
-    """What parts of the targets cost each other in a model of the project, around the fit in a fit.json;
-    keep: of what a killed run has solved."""
-    model, errors = with_own_errors(bench, file, fit, say)
+    """What parts of the targets cost each other in a model, around a fit; keep: of what a killed run
+    has solved; errors: of the model at the fit, where they are known."""
+    model, errors = with_own_errors(problem, fit, say, errors=errors)
     assert isinstance(model, KeptModel)
-    parts = tuple(Part.of(name, mask, bench.targets.alone, errors) for name, mask in masks.items())
+    parts = tuple(Part.of(name, mask, problem.targets.alone, errors) for name, mask in masks.items())
     done, total = counting(1), len(parts) + GENERATIONS + KEPT
 
     def step() -> None:

@@ -8,11 +8,11 @@ import numpy as np
 
 from calibrate import Parameter
 from fe import Path
-from twin.bench.exploring import VariedFinger, moves_finger, table_of
 from twin.bench.fits import newest_fit
 from twin.bench.workbench import elasticity_of, own_of, structure_of
 from twin.bodies.finger import FingerTable
 from twin.bodies.kinds import BodyTable
+from twin.calibrated.exploration import VariedFinger, moves_finger, table_of
 from twin.effects.labels import name_of
 from twin.effects.library import effect
 from twin.effects.material import Elasticity

@@ -6,7 +6,7 @@ import pytest
 from fe import Case, Material
 from fe.homogeneous import nominal_stress
 from tests.twin.conftest import plain_targets
-from twin.bench.leftopen import Uncertain, told_by_film
+from twin.calibrated.predictionerrors import Uncertain, told_by_film
 from twin.judging.besidefilm import curve_jacobian
 from twin.model.basemodel import base_model
 from twin.model.memo import KeptModel

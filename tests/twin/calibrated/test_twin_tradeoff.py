@@ -10,8 +10,8 @@ import pytest
 
 from calibrate.fronts import Front
 from fe import Case
-from twin.bench import tradingoff
-from twin.bench.tradingoff import Part, SolvedFit, TradeOff, anew, front_of, masks_of
+from twin.calibrated import tradeoff
+from twin.calibrated.tradeoff import Part, SolvedFit, TradeOff, anew, front_of, masks_of
 from twin.commands.pareto import told
 from twin.judging.fitting import ModelErrors
 from twin.model.basemodel import base_model
@@ -81,7 +81,7 @@ def test_the_front_of_a_finger_whose_markers_disagree(
     coarsest_case: Case, make_targets: Callable[..., Targets], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The tip moves as with softer silicone than the middle: no constants show both, and each alone is fitted."""
-    monkeypatch.setattr(tradingoff, "KEPT", 4)
+    monkeypatch.setattr(tradeoff, "KEPT", 4)
     targets = make_targets()
     model = base_model(targets, coarsest_case)
     assert isinstance(model, KeptModel)

@@ -13,8 +13,8 @@ from calibrate.posteriors import END, Chain
 from calibrate.priors import Prior
 from tests.twin.bench import closedfinger as knowing
 from tests.twin.conftest import plain_targets
-from twin.bench import sampling
-from twin.bench.sampling import CHECKS, OFF, Density, Sample, Sampler, WholeSolve
+from twin.calibrated import posterior
+from twin.calibrated.posterior import CHECKS, OFF, Density, Sample, Sampler, WholeSolve
 from twin.effects.protocol import Unsolvable
 from twin.judging.fitting import ModelErrors
 from twin.judging.likelihood import held
@@ -109,7 +109,7 @@ class Closed(Sampler):
 
 def sampler(memory: Memory, monkeypatch: pytest.MonkeyPatch, response: Stub, *, everywhere: bool = True) -> Closed:
     """A sampler of the closed model whose first response is given; stable everywhere, or as `Stub` says."""
-    monkeypatch.setattr(sampling, "begun", lambda model, theta: response)
+    monkeypatch.setattr(posterior, "begun", lambda model, theta: response)
     z = np.random.default_rng(3).normal(size=len(X))
     white = SimpleNamespace(whiten=lambda field: np.asarray(field) / SD)
     model: Any = SimpleNamespace(
@@ -162,7 +162,7 @@ def test_a_response_that_is_off_is_made_better_and_the_chain_run_again(monkeypat
 
 @pytest.mark.slow
 def test_a_response_that_stays_off_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sampling, "ROUNDS", 2)
+    monkeypatch.setattr(posterior, "ROUNDS", 2)
     found = sampler(Memory(), monkeypatch, Stub(wrong=3.0, until=10**6)).sample(seed=1, most=20000)
     assert "the response is off whole solves by" in found.doubt
     monkeypatch.setattr(Closed, "end", 0.32)
@@ -203,7 +203,7 @@ def test_what_errors_change_is_checked_between_the_solves(monkeypatch: pytest.Mo
     one = sampler(Memory(), monkeypatch, Stub())
     wild = Wild(one.model, one.targets, one.errors, one.theta, one.keeping)
     wild.__dict__["whitener"] = one.whitener
-    monkeypatch.setattr(sampling, "ROUNDS", 1)
+    monkeypatch.setattr(posterior, "ROUNDS", 1)
     assert "errors of gauge, mesh and laws change by more" in wild.sample(seed=1, most=20000).doubt
 
 
@@ -281,7 +281,7 @@ def test_tests_of_the_silicone_count_in_the_density(monkeypatch: pytest.MonkeyPa
             raise Unsolvable("no stress")
         return (theta - TRUE) / [0.01, 0.02]
 
-    monkeypatch.setattr(sampling, "curve_residual", residual)
+    monkeypatch.setattr(posterior, "curve_residual", residual)
     one = sampler(Memory(), monkeypatch, Stub())
     assert one._beside is None
     one = replace(one, targets=SimpleNamespace(curves=("a test",)))  # type: ignore[type-var]

@@ -1,7 +1,7 @@
-"""What a project keeps in its folder `cache`: arrays by their keys, and where finer meshes were solved."""
+"""Solved finer meshes, in a folder or in memory: arrays by their keys, and the constants they hold for."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from twin.executors.local import Serial
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.messages import Say
+from twin.model.arraycache import ArrayCache
 from twin.model.discretisation import SolvedAt
 from twin.records import Record
 from twin.tablemodel import Finite, Positive
@@ -62,14 +63,17 @@ class SolvedRows(RootModel[tuple[SolvedRow, ...]]):
 @dataclass(frozen=True)
 class SolvedList:
     """The constants of a law and pressures at which the finer meshes of one structure were solved, in a JSON
-    file."""
+    file, or in memory where path is None."""
 
-    path: Path
+    path: Path | None
     law: RubberLaw = MOONEY_RIVLIN
+    memory: list[SolvedAt] = field(default_factory=list)
 
     @property
     def known(self) -> list[SolvedAt]:
-        """Those that were solved, the oldest first."""
+        """Constants and pressures, the oldest first."""
+        if self.path is None:
+            return self.memory
         rows = files.read(SolvedRows, self.path).root if self.path.exists() else ()
         for row in rows:
             if missing := set(self.law.names) - row.values.keys():
@@ -94,7 +98,45 @@ class SolvedList:
 
     def add(self, solved: SolvedAt) -> None:
         """The list with one more."""
-        if solved not in self.known:
+        if self.path is None:
+            self.memory.append(solved)
+        elif solved not in self.known:
             every = ((one.constants, one.top) for one in (*self.known, solved))
             rows = tuple(SolvedRow(values=c.named, top_MPa=top) for c, top in every)
             files.write_json(self.path, SolvedRows(rows))
+
+
+@dataclass(frozen=True)
+class MemoryCache:
+    """The arrays of this process; those that are missing are made by the executor in use."""
+
+    arrays: dict[str, Array]
+    say: Say
+
+    def __call__(self, stage: str, tasks: Mapping[str, Callable[[], Array]], /) -> dict[str, Array]:
+        """The array of every task by its key."""
+        missing = [key for key in tasks if key not in self.arrays]
+        executor = current() if len(missing) > 1 else Serial()
+        for done, (k, array) in enumerate(executor.ended([tasks[key] for key in missing]), start=1):
+            self.say.progress(stage, done, len(missing))
+            self.arrays[missing[k]] = array
+        return {key: self.arrays[key] for key in tasks}
+
+
+@dataclass(frozen=True)
+class Store:
+    """The store of solved finer meshes: a folder, or None for this process alone."""
+
+    folder: Path | None = None
+    arrays: dict[str, Array] = field(default_factory=dict)
+    lists: dict[str, list[SolvedAt]] = field(default_factory=dict)
+
+    def cache(self, say: Say) -> ArrayCache:
+        """The arrays by their keys."""
+        return MemoryCache(self.arrays, say) if self.folder is None else FolderCache(self.folder, say)
+
+    def solved(self, key: str, law: RubberLaw) -> SolvedList:
+        """The constants of a law and pressures that were solved for one structure, by its key."""
+        if self.folder is None:
+            return SolvedList(None, law, self.lists.setdefault(key, []))
+        return SolvedList(self.folder / f"{key}-solved.json", law)

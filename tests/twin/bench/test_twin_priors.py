@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.twin.conftest import Lines
-from twin.bench.knownvalues import TAILS, known_values
+from twin.bench.priors import TAILS, known_values
 from twin.bench.workbench import own_of
 from twin.commands.calibrate import run_calibrate
 from twin.commands.diagnose import run_diagnose

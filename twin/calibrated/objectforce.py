@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fe.path import Path
-from twin.bench.leftopen import Uncertain, amounts_told
-from twin.bench.predicting import NORMAL, SAME, WantedCourse, why_none
-from twin.bench.workbench import Workbench
+from twin.calibrated.predictionerrors import Uncertain, amounts_told
+from twin.calibrated.predictions import NORMAL, SAME, WantedCourse, why_none
+from twin.calibrated.problem import CalibrationProblem
 from twin.gravity import G
 from twin.judging.record import FitRecord
 from twin.messages import Say
@@ -64,16 +64,16 @@ def rising(course: WantedCourse) -> WantedCourse:
 
 
 def touched(
-    bench: Workbench, record: FitRecord, course: WantedCourse, thing: RigidObject, say: Say
+    problem: CalibrationProblem, record: FitRecord, course: WantedCourse, thing: RigidObject, say: Say
 ) -> Touched:
     """The force along a course. ValueError for an object that a model cannot have; Unsolvable where there is
     no equilibrium."""
-    theta, film = record.fit.theta, bench.on_mesh(bench.model(), record.fit.theta, say)
+    theta, film = record.fit.theta, problem.on_mesh(problem.model(), record.fit.theta, say)
     model = beside(film, course, thing)
     solved = model.solved(theta, derivatives=True)
     slopes = -solved.solution.contact_variations
-    uncertain = Uncertain.of(film, theta, record, bench.targets, beyond=False)
-    amounts, axes = amounts_told(bench.targets, film, theta, uncertain)
+    uncertain = Uncertain.of(film, theta, record, problem.targets, beyond=False)
+    amounts, axes = amounts_told(problem.targets, film, theta, uncertain)
     moduli = film.law.moduli if film.law else ()
     softer = -sum((theta[k] * slopes[k] for k, p in enumerate(model.parameters) if p.name in moduli),
                   np.zeros(slopes.shape[1:]))  # fmt: skip
@@ -88,7 +88,7 @@ def touched(
         force = force + np.tensordot(amounts, columns, 1)
     pressure = np.interp(course.output, course.time, course.pressure)
     push = float(abs(force[-1] @ thing.way) / np.linalg.norm(thing.way))
-    rows, shown = list(range(len(course.output))), len(bench.case.nodes)  # of a whole the half comes first
+    rows, shown = list(range(len(course.output))), len(problem.case.nodes)  # of a whole the half comes first
     return Touched(
         time=course.output,
         pressure=pressure,
@@ -96,7 +96,7 @@ def touched(
         factors=np.tensordot(axes.T, columns, 1),
         shape=solved.solution.fields(rows)[:, :shown],
         yielded=0.0 if thing.spring is None else push / thing.spring,
-        beyond=pressure > SAME * float(bench.targets.log_pressure.max()),
+        beyond=pressure > SAME * float(problem.targets.log_pressure.max()),
         why=why_none(record),
     )
 

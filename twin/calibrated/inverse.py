@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from twin.bench.predicting import Prediction, WantedCourse, followed, interval, predicted
-from twin.bench.workbench import Workbench
+from twin.calibrated.predictions import Prediction, WantedCourse, followed, interval, predicted
+from twin.calibrated.problem import CalibrationProblem
 from twin.effects.protocol import Unsolvable
 from twin.judging.record import FitRecord
 from twin.messages import Say
@@ -63,7 +63,7 @@ class Inverse:
 
 
 def pressure_for(
-    bench: Workbench,
+    problem: CalibrationProblem,
     record: FitRecord,
     wanted: Wanted,
     places: Mapping[str, Array],
@@ -77,12 +77,12 @@ def pressure_for(
     up to BEYOND times the tested one gives it.
     """
     own = {wanted.point: places[wanted.point]}
-    tested, curve = float(bench.targets.log_pressure.max()), (np.zeros(1), np.zeros(1))
+    tested, curve = float(problem.targets.log_pressure.max()), (np.zeros(1), np.zeros(1))
     begun = None
     for low, high in ((0.0, tested), (tested, BEYOND * tested)):
         more = np.linspace(low, high, RUNGS + 1)[1:]
         try:
-            u = _reached(bench, record, wanted, own, [held(float(p)) for p in more], say)
+            u = _reached(problem, record, wanted, own, [held(float(p)) for p in more], say)
         except Unsolvable:
             break
         curve = np.append(curve[0], more), np.append(curve[1], u)
@@ -98,7 +98,7 @@ def pressure_for(
     pressure, slope = begun
     for _ in range(TURNS):
         course = held(pressure)
-        (found,) = predicted(bench, record, [course], places, say)
+        (found,) = predicted(problem, record, [course], places, say)
         k = found.names.index(wanted.point)
         sd = float(found.sd[0, k, wanted.axis])
         off = wanted.value - float(found.u[0, k, wanted.axis])
@@ -109,7 +109,7 @@ def pressure_for(
 
 
 def _reached(
-    bench: Workbench,
+    problem: CalibrationProblem,
     record: FitRecord,
     wanted: Wanted,
     places: Mapping[str, Array],
@@ -117,9 +117,9 @@ def _reached(
     say: Say,
 ) -> Array:
     """The wanted point's displacement (k,) mm at the end of each course."""
-    targets, model = followed(bench, record, courses, places, say)
+    targets, model = followed(problem, record, courses, places, say)
     u = model.predict(record.fit.theta)[:, targets.names.index(wanted.point), wanted.axis]
-    return np.asarray(u[len(bench.targets.time) :][1::2])  # each after its rest
+    return np.asarray(u[len(problem.targets.time) :][1::2])  # each after its rest
 
 
 def first_crossing(pressure: Array, u: Array, value: float) -> tuple[float, float] | None:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.bench.leftopen import Uncertain, told_by_film
-from twin.bench.workbench import Workbench
+from twin.calibrated.predictionerrors import Uncertain, told_by_film
+from twin.calibrated.problem import CalibrationProblem
 from twin.judging.record import FitRecord
 from twin.messages import Say
 from twin.model.prediction import Model
@@ -85,7 +85,7 @@ class Prediction:
 
 
 def predicted(
-    bench: Workbench,
+    problem: CalibrationProblem,
     record: FitRecord,
     courses: Sequence[WantedCourse],
     places: Mapping[str, Array],
@@ -95,15 +95,15 @@ def predicted(
 
     Raises Unsolvable where there is no equilibrium.
     """
-    targets = bench.targets
-    own, model = followed(bench, record, courses, places, say)
+    targets = problem.targets
+    own, model = followed(problem, record, courses, places, say)
     fit = record.fit
     tested = SAME * float(targets.log_pressure.max())
     beyond = any(one.pressure.max() > tested for one in courses)
     u, factors = with_errors(model, record, targets, own, beyond=beyond)
-    angle, turns = turned(own.names, u, factors, np.array(ends(bench)))
+    angle, turns = turned(own.names, u, factors, np.array(ends(problem)))
     wanted, solution = [own.names.index(name) for name in places], model.solution(fit.theta)
-    shown = len(bench.case.nodes)  # of a whole made of a half, the half comes first
+    shown = len(problem.case.nodes)  # of a whole made of a half, the half comes first
     out, done = [], len(targets.time)
     for one in courses:
         rows = slice(done + 1, done + 1 + len(one.output))  # the first is the rest before it
@@ -150,21 +150,21 @@ def with_errors(
 
 
 def followed(
-    bench: Workbench,
+    problem: CalibrationProblem,
     record: FitRecord,
     courses: Sequence[WantedCourse],
     places: Mapping[str, Array],
     say: Say,
 ) -> tuple[Targets, Model]:
     """The targets of a project with films that were not made (`after`), and its model of all of them."""
-    low, high = ends(bench)
-    own = replace(bench, targets=after(bench.targets, courses, {**places, LOW: low, HIGH: high}))
+    low, high = ends(problem)
+    own = replace(problem, targets=after(problem.targets, courses, {**places, LOW: low, HIGH: high}))
     return own.targets, own.on_mesh(own.model(), record.fit.theta, say)
 
 
-def ends(bench: Workbench) -> tuple[Array, Array]:
+def ends(problem: CalibrationProblem) -> tuple[Array, Array]:
     """The lowest and the highest place (3,) mm of the finger's end face."""
-    x = bench.case.nodes[np.unique(bench.structure.outside)]
+    x = problem.case.nodes[np.unique(problem.structure.outside)]
     face = x[x[:, 0] > x[:, 0].max() - 1e-6]
     return face[face[:, 2].argmin()], face[face[:, 2].argmax()]
 

@@ -22,7 +22,7 @@ from scipy.special import ndtri
 from calibrate.parameters import Array, bounds
 from calibrate.posteriors import Chain, sampled, spread
 from calibrate.priors import Prior
-from twin.bench.profiling import Profiler
+from twin.calibrated.profiles import Profiler
 from twin.judging.besidefilm import curve_jacobian, curve_residual
 from twin.judging.fitting import ModelErrors
 from twin.judging.likelihood import priors_of

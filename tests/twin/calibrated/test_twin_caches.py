@@ -4,21 +4,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from twin.bench import workbench
-from twin.bench.caches import FolderCache, SolvedList
-from twin.bench.workbench import Workbench
+from twin.calibrated import problem as problem_module
+from twin.calibrated.caches import FolderCache, SolvedList, Store
+from twin.calibrated.problem import CalibrationProblem
 from twin.effects.material import Elasticity
 from twin.laws.mooneyrivlin import NOMINAL, mooney_rivlin
 from twin.messages import Say
 from twin.model.discretisation import Discretisation, SolvedAt
 from twin.model.structure import BuiltIn, of_finger
-from twin.project.config import ModelTable
 from twin.targets import Array, Noise, Targets
 
 
@@ -61,13 +58,13 @@ def test_a_list_from_before_there_were_laws_is_read(tmp_path: Path) -> None:
         list(SolvedList(file).known)
 
 
-@pytest.fixture
+@pytest.fixture(params=[True, False], ids=["folder", "memory"])
 def bench(
-    short_builtin: BuiltIn, make_targets: Callable[..., Targets], make_noise: Callable[..., Noise], tmp_path: Path
-) -> Workbench:
+    request: pytest.FixtureRequest, short_builtin: BuiltIn, make_targets: Callable[..., Targets], make_noise: Callable[..., Noise], tmp_path: Path
+) -> CalibrationProblem:
     targets = make_targets(noise=make_noise(3, sd=0.01, rho=0.0, common=0.0))
-    project: Any = SimpleNamespace(root=tmp_path, config=SimpleNamespace(model=ModelTable()))
-    return Workbench(project, targets, of_finger(short_builtin.finger, short_builtin.lattice), Elasticity())
+    structure = of_finger(short_builtin.finger, short_builtin.lattice)
+    return CalibrationProblem(targets, structure, Elasticity(), store=Store(tmp_path if request.param else None))
 
 
 @pytest.fixture
@@ -81,11 +78,11 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[SolvedAt]:
         found.append(solved_at)
         return Discretisation.none("not solved here")
 
-    monkeypatch.setattr(workbench, "discretisation_error", solved)
+    monkeypatch.setattr(problem_module, "discretisation_error", solved)
     return found
 
 
-def test_constants_without_an_equilibrium_never_serve(bench: Workbench, made: list[SolvedAt], say: Say) -> None:
+def test_constants_without_an_equilibrium_never_serve(bench: CalibrationProblem, made: list[SolvedAt], say: Say) -> None:
     with pytest.raises(ValueError, match="no equilibrium"):
         bench.mesh(np.array([0.2, 0.04]), bench.model(()), say)
     for C10 in (0.22, 0.2, 0.3, 0.7):  # the first has 1.08, 0.76 and 0.35 of the others' C10 + C01
@@ -95,7 +92,7 @@ def test_constants_without_an_equilibrium_never_serve(bench: Workbench, made: li
     assert [one.top for one in made] == pytest.approx([0.027, 0.027, 0.027, 0.0094])
 
 
-def test_a_new_log_of_the_same_pressure_is_served(bench: Workbench, made: list[SolvedAt], say: Say) -> None:
+def test_a_new_log_of_the_same_pressure_is_served(bench: CalibrationProblem, made: list[SolvedAt], say: Say) -> None:
     theta = np.array([0.22, 0.04])
     for factor in (1.0, 1.004, 0.996, 0.5):
         t = replace(bench.targets, log_pressure=factor * bench.targets.log_pressure)
