@@ -11,7 +11,7 @@ import pytest
 from calibrate import Parameter
 from calibrate.posteriors import END, Chain
 from calibrate.priors import Prior
-from tests.twin.bench import closedfinger as knowing
+from tests.twin.calibrated import closedfinger as knowing
 from tests.twin.conftest import plain_targets
 from twin.calibrated import posterior
 from twin.calibrated.posterior import CHECKS, OFF, Density, Sample, Sampler, WholeSolve
