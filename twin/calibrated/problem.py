@@ -12,8 +12,8 @@ import numpy as np
 from calibrate import Fit
 from fe import Case, Path
 from fe.element import Integers
-from fe.solver.newton import Problem
 from fe.solver.limits import largest_stretch
+from fe.solver.newton import Problem
 from twin.calibrated.caches import SolvedList, Store
 from twin.coupons.pulltest import PullTest
 from twin.effects.library import effect
