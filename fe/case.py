@@ -44,9 +44,9 @@ class Clamp:
 
 @dataclass(frozen=True)
 class Layer:
-    """An elastic sheet bonded to a surface: stiffness (thickness x modulus, N/mm), or that of each of some
-    parts of equal length along x, and Poisson's ratio. wound: fibres around the x axis instead, which are
-    stiff along themselves alone."""
+    """An elastic sheet bonded to a surface: stiffness (thickness x modulus, N/mm), one or a tuple for parts
+    of equal length along x, and Poisson's ratio. wound: fibres around the x axis, stiff along themselves
+    alone."""
 
     surface: str
     stiffness: float | tuple[float, ...]
@@ -54,7 +54,7 @@ class Layer:
     wound: bool = False
 
     def per_face(self, case: "Case") -> Array:
-        """The stiffness (f,) N/mm of each of its faces, of the part in which the face's middle lies."""
+        """Stiffness (f,) N/mm of each face, by the part that contains the face's middle."""
         x, parts = case.nodes[case.face_nodes(self.surface), 0], np.atleast_1d(self.stiffness)
         share = (x.mean(axis=1) - x.min()) / max(float(np.ptp(x)), 1e-12)
         return parts[np.clip((len(parts) * share).astype(int), 0, len(parts) - 1)]
@@ -62,8 +62,8 @@ class Layer:
 
 @dataclass(frozen=True)
 class Spring:
-    """What holds an obstacle that gives way along `way` (3,): force over displacement, N/mm, without force
-    at rest. In a half model the stiffness is that of the half."""
+    """Elastic support of an obstacle that moves along `way` (3,): force over displacement, N/mm, without
+    force at rest. In a half model the stiffness is half of the spring's."""
 
     stiffness: float
     way: tuple[float, float, float]
@@ -71,7 +71,8 @@ class Spring:
 
 @dataclass(frozen=True)
 class Tie:
-    """A surface whose nodes, where they lie within `reach` mm of another, follow the faces there."""
+    """A surface (`slave`) whose nodes follow the faces of another (`master`) where they lie within `reach` mm
+    of them."""
 
     slave: str
     master: str
@@ -80,8 +81,8 @@ class Tie:
 
 @dataclass(frozen=True)
 class Equation:
-    """Displacements of nodes that add up to nothing: terms (label, component, factor), the first of which
-    follows the others."""
+    """A linear constraint between nodal displacements: the sum of factor x displacement over terms (label,
+    component, factor) is zero. The first term depends on the others."""
 
     terms: tuple[tuple[int, int, float], ...]
 
@@ -112,16 +113,23 @@ class SelfContact:
 
 @dataclass(frozen=True)
 class Case:
-    """Everything a solve needs, in mm, N, MPa.
+    """A structure to be solved, in mm, N, MPa.
 
-    nodes (n, 3) mm; labels (n,) the Abaqus node numbers; one material per element set (together they cover
-    every element once), of which `with_material` leaves those `kept` as they are; `pressurised` names the
-    surface that carries the follower pressure, of which surfaces in `shares` carry so much of it; `forces`
-    are dead forces (3,) N, spread evenly over a node set, `growing` the same in N/MPa, times the pressure.
-    precurvature (1/mm): the structure is free of stress where it is curved by so much towards -z, or by a
-    course along x (see `assembly.Geometry`). layer: a sheet bonded to it, layers: those that it has of its
-    own, as those of a deck. self_contact: which surfaces may touch each other. ties, equations: displacements
-    that follow others (see `kernel.tying`). In a half model forces and moments are those of the half.
+    nodes (n, 3) mm; labels (n,): Abaqus node numbers; materials: one per element set, which together cover
+    every element once; kept: materials that `with_material` leaves unchanged; pressurised: the surface that
+    carries the follower pressure, shares: share of the pressure on some of its parts; forces: dead forces
+    (3,) N, spread evenly over a node set, growing: forces in N/MPa, times the pressure. precurvature (1/mm):
+    curvature of the stress-free structure towards -z, or its course along x (see `assembly.Geometry`). layer:
+    a sheet bonded to it, layers: sheets of its own, as in a deck. self_contact: surfaces that may touch each
+    other. ties, equations: dependent displacements (see `kernel.tying`). In a half model forces and moments
+    are those of the half.
+
+    >>> from fe import finger_case
+    >>> case = finger_case(Material(C10=0.1))
+    >>> case.nodes.shape, case.element.name, sorted(case.surfaces)
+    ((5295, 3), 'hex27', ['chamber', 'outside'])
+    >>> case.with_material(C10=0.2).materials["body"].C10
+    0.2
     """
 
     nodes: Array
@@ -149,12 +157,12 @@ class Case:
 
     @property
     def connectivity(self) -> Integers:
-        """The rows (e, n) of all blocks, in order."""
+        """Node rows (e, n) of all elements, block by block."""
         return np.concatenate([b.connectivity for b in self.blocks])
 
     @property
     def element(self) -> Element:
-        """The type of its elements; ValueError where they are of several types, or of an unknown one."""
+        """Element type of the case; ValueError for several types, or an unknown one."""
         types = sorted({b.type for b in self.blocks})
         unknown = [t for t in types if t not in ELEMENTS]
         if unknown:
@@ -167,9 +175,9 @@ class Case:
 
     @property
     def sheets(self) -> tuple[Layer, ...]:
-        """All sheets that are bonded to it and have a stiffness."""
-        own = (*self.layers, self.layer) if self.layer else self.layers
-        return tuple(sheet for sheet in own if np.any(sheet.stiffness))
+        """All bonded sheets with a stiffness."""
+        layers = (*self.layers, self.layer) if self.layer else self.layers
+        return tuple(sheet for sheet in layers if np.any(sheet.stiffness))
 
     @property
     def clamped(self) -> Integers:
@@ -178,7 +186,8 @@ class Case:
 
     @property
     def supported(self) -> Flags:
-        """Which components (n, 3) of the nodes supports hold, those of the clamp's nodes aside."""
+        """Flags (n, 3) of the displacement components that supports prescribe, nodes of the clamp excepted.
+        """
         out = np.zeros((len(self.nodes), 3), bool)
         for s in self.supports:
             out[np.ix_(self.node_sets[s.nodes], np.array(s.components))] = True
@@ -209,7 +218,8 @@ class Case:
 
     @property
     def pressure_shares(self) -> Array | None:
-        """What of the pressure each face (f,) of the pressurised surface carries; None where all carry it."""
+        """Share (f,) of the pressure on each face of the pressurised surface; None if every face carries all.
+        """
         if not self.shares or not self.pressurised:
             return None
         faces = [tuple(row) for row in self.surfaces[self.pressurised].tolist()]
@@ -221,7 +231,7 @@ class Case:
         return self.nodes_of_faces(self.surfaces[surface])
 
     def nodes_of_faces(self, faces: Integers) -> Integers:
-        """Node rows (f, m) of faces (f, 2) = (element, face), in the same order."""
+        """Node rows (f, m) of faces (f, 2) = (element, face), in their order."""
         element, face = faces.T
         return np.take_along_axis(self.connectivity[element], self.element.faces[face], axis=1)
 
@@ -233,13 +243,19 @@ class Case:
         return out
 
     def with_material(self, **constants: object) -> "Case":
-        """The same case with these constants changed in every material but those kept."""
+        """The case with these constants changed in every material except those in `kept`."""
         changed = {k: replace(m, **constants) for k, m in self.materials.items() if k not in self.kept}  # type: ignore[arg-type]
         return replace(self, materials={**self.materials, **changed})
 
 
 def digest(*arrays: object) -> str:
-    """A short fingerprint of arrays and plain values, to key what may be computed once."""
+    """Hash of arrays and plain values (16 hexadecimal digits): the key of a cache.
+
+    >>> digest(np.arange(3)) == digest(np.arange(3))
+    True
+    >>> digest(np.arange(3)) == digest(np.arange(4))
+    False
+    """
     h = hashlib.sha256()
     for a in arrays:
         h.update(np.ascontiguousarray(a).tobytes() if isinstance(a, np.ndarray) else repr(a).encode())

@@ -45,17 +45,23 @@ class Element:
 
     @property
     def shared(self) -> bool:
-        """Whether the pressure belongs to corners that elements share, so that it cannot be eliminated."""
+        """True if pressure unknowns lie at corners shared by elements, so that they cannot be eliminated
+        elementwise."""
         return self.modes == "corners"
 
     @property
     def simplex(self) -> bool:
-        """Whether it is a tetrahedron."""
+        """True for a tetrahedron."""
         return len(self.corners) == 3
 
     @cached_property
     def at_points(self) -> tuple[Array, Array]:
-        """The shape functions at the quadrature points."""
+        """Shape functions (q, n) and their gradients (q, n, 3) at the quadrature points.
+
+        >>> N, dN = HEX27.at_points
+        >>> N.shape, dN.shape, bool(np.allclose(N.sum(axis=1), 1.0))
+        ((27, 27), (27, 27, 3), True)
+        """
         return self.shape(self.points)
 
     def pressure_modes(self, x: Array) -> Array:
@@ -65,18 +71,21 @@ class Element:
         linear: 1, x, y, z. constant: 1. points: a value at each quadrature point. corners: linear between the
         values at the corners.
         """
-        one = np.ones((*x.shape[:2], 1))
+        constant = np.ones((*x.shape[:2], 1))
         if self.modes == "linear":
-            return np.concatenate([one, x], axis=-1)
+            return np.concatenate([constant, x], axis=-1)
         if self.modes == "constant":
-            return one
+            return constant
         fixed = np.eye(len(self.points)) if self.modes == "points" else barycentric(self.points)
         return np.broadcast_to(fixed, (len(x), *fixed.shape)).copy()
 
     def on_face(self, st: Array) -> tuple[Array, Array]:
-        """Values (k, m) and gradients (k, m, 2) of a face's shape functions at its points st (k, 2).
+        """Values (k, m) and gradients (k, m, 2) of a face's shape functions at face coordinates st (k, 2).
 
-        They are those of the solid on its first face: all faces list their nodes in one order.
+        They are the solid's shape functions on its first face: all faces list their nodes in one order.
+
+        >>> ELEMENTS["C3D8"].on_face(np.array([[0.0, 0.0]]))[0]
+        array([[0.25, 0.25, 0.25, 0.25]])
         """
         corners = self.local[self.faces[0]][list(self.corners)]
         s, t = np.asarray(st).T
@@ -92,7 +101,11 @@ class Element:
         return value[:, self.faces[0]], gradient[:, self.faces[0]] @ np.swapaxes(along, 1, 2)
 
     def clipped_to_face(self, st: Array) -> Array:
-        """Face coordinates (k, 2), brought inside the face."""
+        """Face coordinates (k, 2), clipped to the face.
+
+        >>> HEX27.clipped_to_face(np.array([[1.2, -0.3]]))
+        array([[ 1. , -0.3]])
+        """
         if not self.simplex:
             return np.clip(st, -1.0, 1.0)
         st = np.clip(st, 0.0, 1.0)
@@ -106,7 +119,12 @@ class Element:
 
 
 def gauss(dimensions: int, order: int = 3) -> tuple[Array, Array]:
-    """Points (k, d) and weights (k,) of the Gauss rule with `order` points a direction on [-1, 1]**d."""
+    """Points (k, d) and weights (k,) of the tensor Gauss rule with `order` points a direction on [-1, 1]**d.
+
+    >>> points, weights = gauss(2, 2)
+    >>> points.shape, float(weights.sum())
+    ((4, 2), 4.0)
+    """
     x, w = np.polynomial.legendre.leggauss(order)
     points = np.stack(np.meshgrid(*[x] * dimensions, indexing="ij"), axis=-1).reshape(-1, dimensions)
     weights = np.prod(
@@ -148,15 +166,19 @@ def _serendipity(nodes: Array) -> Shape:
         gradient = np.empty_like(factor)
         for d in range(3):
             others = slope[..., d] * factor[..., d - 1] * factor[..., d - 2]
-            own = product * sign[..., d] if len(nodes) == 20 else 0.0
-            gradient[..., d] = scale * np.where(middle, others, others * last + own)
+            corner_slope = product * sign[..., d] if len(nodes) == 20 else 0.0
+            gradient[..., d] = scale * np.where(middle, others, others * last + corner_slope)
         return value, gradient
 
     return shape
 
 
 def barycentric(xi: Array) -> Array:
-    """The four linear functions (k, 4) of a tetrahedron's corners at local points (k, 3)."""
+    """Barycentric coordinates (k, 4) of local points (k, 3) in a tetrahedron.
+
+    >>> barycentric(np.array([[0.25, 0.25, 0.25]]))
+    array([[0.25, 0.25, 0.25, 0.25]])
+    """
     return np.column_stack([1 - xi.sum(axis=1), xi])
 
 
@@ -245,7 +267,8 @@ def _linear_tet(xi: Array) -> tuple[Array, Array]:
 
 
 def _tet4(name: str) -> Element:
-    """As in Abaqus and CalculiX one point, where the volume is that of the whole element."""
+    """4-node tetrahedron with one integration point, as in Abaqus and CalculiX; its weight is the element's
+    volume."""
     rules = _rules((np.full((1, 3), 0.25), np.full(1, 1 / 6)), (np.full((1, 2), 1 / 3), np.full(1, 0.5)))
     faces, local, shape = np.array(_TET_FACES), _TET10[:4], _linear_tet
     return Element(name, local=local, shape=shape, faces=faces, corners=(0, 1, 2), modes="constant", **rules)
@@ -273,7 +296,11 @@ ELEMENTS = {
 
 
 def scatter(rows: Integers, values: Array, count: int) -> Array:
-    """Sums (count,) of `values` over equal `rows`, two arrays of one size."""
+    """Sums (count,) of `values` at equal `rows`, two arrays of one size.
+
+    >>> scatter(np.array([0, 2, 0]), np.array([1.0, 5.0, 2.0]), 4)
+    array([3., 0., 5., 0.])
+    """
     return np.asarray(np.bincount(rows.ravel(), weights=values.ravel(), minlength=count), np.float64)
 
 
@@ -289,5 +316,10 @@ _CUT = {
 
 
 def triangles(faces: Integers) -> Integers:
-    """Triangles (t, 3) of faces (f, m) of any element, counter-clockwise from outside."""
+    """Triangles (t, 3) of faces (f, m) of any element, counter-clockwise from outside.
+
+    >>> triangles(np.array([[7, 8, 9, 5]]))
+    array([[7, 8, 9],
+           [7, 9, 5]])
+    """
     return faces[:, np.array(_CUT[faces.shape[1]])].reshape(-1, 3)

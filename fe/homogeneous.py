@@ -1,10 +1,10 @@
-"""Nominal stress of an evenly strained specimen of any `Material`, as in tests of the silicone itself.
+"""Nominal stress of a homogeneous specimen of any `Material`: uniaxial, planar, equibiaxial, simple shear.
 
-All in closed form. With the isochoric stretches b_i = J^(-1/3) l_i and beta_i = b_i dW/db_i, the principal
-Kirchhoff stresses are t_i = beta_i - (beta_1 + beta_2 + beta_3) / 3 + J p with p = K (J - 1) (Ogden 1972, doi
-10.1098/rspa.1972.0026). The side that is free has t_3 = 0, which gives J; the nominal stress is t_1 / l_1. In
-simple shear by an amount g the principal stretches are l and 1/l with l - 1/l = g, and the shear stress is
-(t_1 - t_2) / (l + 1/l).
+Closed form. With the isochoric stretches b_i = J^(-1/3) l_i and beta_i = b_i dW/db_i, the principal Kirchhoff
+stresses are t_i = beta_i - (beta_1 + beta_2 + beta_3) / 3 + J p with p = K (J - 1) (Ogden 1972, doi
+10.1098/rspa.1972.0026). The free side has t_3 = 0, which gives J; the nominal stress is t_1 / l_1. In simple
+shear by an amount g the principal stretches are l and 1/l with l - 1/l = g, and the shear stress is (t_1 -
+t_2) / (l + 1/l).
 """
 
 from typing import Literal, get_args
@@ -25,10 +25,15 @@ def principal_stretches(strain: Array, kind: Kind, volume: Array | float = 1.0) 
     """Principal stretches (k, 3) of a specimen at nominal strains (k,), in shear at amounts of shear.
 
     The first is along the pull, the last free. volume: J, (k,) or one for all; in shear it is 1.
+
+    >>> principal_stretches(np.array([3.0]), "uniaxial")
+    array([[4. , 0.5, 0.5]])
+    >>> principal_stretches(np.array([1.5]), "shear")
+    array([[2. , 0.5, 1. ]])
     """
     if kind == "shear":
-        first = strain / 2 + np.hypot(1.0, strain / 2)
-        return np.stack([first, 1 / first, np.ones_like(first)], axis=1)
+        stretch = strain / 2 + np.hypot(1.0, strain / 2)
+        return np.stack([stretch, 1 / stretch, np.ones_like(stretch)], axis=1)
     x = 1.0 + strain
     across = {"uniaxial": np.sqrt(volume / x), "planar": np.ones_like(x), "equibiaxial": x}[kind]
     return np.stack([x, across, volume / (x * across)], axis=1)
@@ -37,11 +42,19 @@ def principal_stretches(strain: Array, kind: Kind, volume: Array | float = 1.0) 
 def nominal_stress(material: Material, strain: Array, kind: Kind, *, time: Array | None = None) -> Array:
     """Nominal stress (k,) MPa, force over the area at rest, at nominal strains (k,) in a pull from rest.
 
-    uniaxial: a strip or a dumbbell, or a lubricated cylinder where strain is below 0; planar: a wide sheet,
-    whose width stays; equibiaxial: a sheet pulled alike both ways, or a bubble; shear: amounts of shear of a
-    thin block. time: (k,) s since the pull began from rest, rising; a material that creeps needs it. Mullins
-    softening does not show in a first pull. NaN where the law has no stress (Gent beyond its limit), or no
-    volume frees that side. Raises ValueError for creep without times, or in shear.
+    uniaxial: a strip or a dumbbell, or a lubricated cylinder at negative strain; planar: a wide sheet of
+    constant width; equibiaxial: a sheet pulled equally both ways, or a bubble; shear: amounts of shear of a
+    thin block. time: (k,) s since the pull began from rest, rising; required by a material that creeps.
+    Mullins softening has no effect in a first pull. NaN where the law has no stress (Gent beyond its limit),
+    or no volume frees that side. Raises ValueError for creep without times, or in shear.
+
+    A neo-Hookean bar at twice its length: 2 C10 (l - 1 / l^2) = 0.35 MPa, less 0.05 % by its compressibility.
+
+    >>> rubber = Material(C10=0.1)
+    >>> nominal_stress(rubber, np.array([0.0, 1.0]), "uniaxial").round(3)
+    array([0.  , 0.35])
+    >>> nominal_stress(rubber, np.array([0.5]), "shear").round(6)  # 2 C10 g
+    array([0.1])
     """
     if material.prony and (time is None or kind == "shear"):
         raise ValueError(
@@ -66,7 +79,7 @@ def nominal_stress(material: Material, strain: Array, kind: Kind, *, time: Array
 
 
 def _free_side(material: Material, strain: Array, kind: Kind, J: Array, time: Array | None) -> Array:
-    """The Kirchhoff stress (k,) MPa of the free side where the volume is J (k,)."""
+    """Kirchhoff stress (k,) MPa normal to the free side at volumes J (k,)."""
     t = _stresses(material, principal_stretches(strain, kind, J), time)
     return np.asarray(t[:, 2] + material.bulk * J * (J - 1), float)
 
@@ -74,17 +87,17 @@ def _free_side(material: Material, strain: Array, kind: Kind, J: Array, time: Ar
 def _stresses(material: Material, l: Array, time: Array | None) -> Array:  # noqa: E741
     """Isochoric principal Kirchhoff stresses (k, 3) MPa at stretches l (k, 3)."""
     b2 = (l / np.cbrt(l.prod(axis=1, keepdims=True))) ** 2
-    first = material.slopes(b2.sum(axis=1, keepdims=True))[0]
-    first = np.where(np.isfinite(first), first, np.nan)
-    beta = 2 * first * b2 - 2 * material.C01 / b2
+    slope = material.slopes(b2.sum(axis=1, keepdims=True))[0]
+    slope = np.where(np.isfinite(slope), slope, np.nan)
+    beta = 2 * slope * b2 - 2 * material.C01 / b2
     beta += sum(2 * m / alpha * b2 ** (alpha / 2) for m, alpha in material.ogden)
-    own = beta - beta.mean(axis=1, keepdims=True)
-    return _relaxed(own, l, material.prony, time) if time is not None and material.prony else own
+    deviator = beta - beta.mean(axis=1, keepdims=True)
+    return _relaxed(deviator, l, material.prony, time) if time is not None and material.prony else deviator
 
 
 def _relaxed(t: Array, l: Array, prony: tuple[tuple[float, float], ...], time: Array) -> Array:  # noqa: E741
-    """The same (k, 3) of a material that creeps, at times (k,) s since it was at rest: the second
-    Piola-Kirchhoff stress t / l^2 relaxes, linear in time between the strains (`fe.material`)."""
+    """Stresses t (k, 3) after relaxation at times (k,) s since rest: the second Piola-Kirchhoff stress t /
+    l^2 relaxes, linear in time between the strains (`fe.material`)."""
     S = np.vstack([np.zeros(3), t / l**2])
     out, dt = S[1:].copy(), np.diff(time, prepend=0.0)
     for g, tau in prony:

@@ -57,40 +57,57 @@ class Material:
 
     @property
     def shear(self) -> float:
-        """Shear modulus in MPa at rest."""
+        """Shear modulus in MPa at rest, 2 (C10 + C01) for Mooney-Rivlin.
+
+        >>> Material(C10=0.25, C01=0.125).shear
+        0.75
+        >>> Material(ogden=((0.3, 2.0),)).shear
+        0.3
+        """
         gent = self.gent[0] if self.gent else 0.0
         return 2 * (self.C10 + self.C01) + gent + sum(mu for mu, _ in self.ogden) + 2 * self._chained(3.0)
 
     def _chained(self, I1: Any) -> Any:
-        """The slope in MPa of the eight chains' energy by I1, of the same shape."""
+        """Derivative in MPa of the eight-chain energy by I1."""
         mu, lock = self.chains or (0.0, np.inf)
         return mu * sum((i + 1) * a * (I1 / lock**2) ** i for i, a in enumerate(terms.CHAINS))
 
     def slopes(self, I1: Any) -> tuple[Any, Any]:
-        """dW/dI1 and d2W/dI1^2 in MPa of the terms in I1 alone, of its shape; infinite beyond Gent's
-        limit."""
+        """Derivatives dW/dI1 and d2W/dI1^2 in MPa of the terms in I1 alone; infinite beyond Gent's limit.
+
+        >>> Material(C10=0.2, C20=0.01).slopes(4.0)
+        (np.float64(0.22), np.float64(0.02))
+        """
         x, (mu, limit), (chain, lock) = I1 - 3, self.gent or (0.0, np.inf), self.chains or (0.0, np.inf)
         inside = x < limit
         k = lock**-2.0
         more = sum(i * (i + 1) * a * k**i * I1 ** (i - 1) for i, a in enumerate(terms.CHAINS) if i)
-        first = self.C10 + (2 * self.C20 + 3 * self.C30 * x) * x + self._chained(I1)
-        second = 2 * self.C20 + 6 * self.C30 * x + chain * more
-        left = np.where(inside, 1 - x / limit, 1.0)
-        every = first + mu / (2 * left), second + mu / (2 * limit * left**2)
+        slope = self.C10 + (2 * self.C20 + 3 * self.C30 * x) * x + self._chained(I1)
+        curvature = 2 * self.C20 + 6 * self.C30 * x + chain * more
+        rest = np.where(inside, 1 - x / limit, 1.0)
+        every = slope + mu / (2 * rest), curvature + mu / (2 * limit * rest**2)
         return np.where(inside, every[0], np.inf)[()], np.where(inside, every[1], np.inf)[()]
 
     @property
     def bulk(self) -> float:
-        """Bulk modulus K in MPa."""
+        """Bulk modulus K in MPa.
+
+        >>> Material(C10=0.25, bulk_ratio=1000.0).bulk
+        500.0
+        """
         return self.bulk_ratio * self.shear
 
     @property
     def instant(self) -> "Material":
-        """The same material without memory: it neither creeps nor softens."""
+        """The material without memory: neither creep nor softening."""
         return replace(self, prony=(), mullins=None)
 
     def stiffened(self, factor: float) -> "Material":
-        """The same material with all its moduli multiplied; ratios, times, exponents and limits stay."""
+        """The material with all moduli multiplied; ratios, times, exponents and limits stay.
+
+        >>> Material(C10=0.25, ogden=((0.5, 4.0),)).stiffened(2.0).ogden
+        ((1.0, 4.0),)
+        """
         return replace(
             self,
             C10=factor * self.C10,
@@ -104,11 +121,16 @@ class Material:
         )
 
     def steadiness(self, stretch: float) -> float:
-        """The least slope of shear up to a stretch, over the shear modulus at rest; 1 for neo-Hooke. Below 0
-        the rubber shears on by itself (Baker & Ericksen 1954, doi 10.1007/978-3-642-88691-1_6).
+        """Smallest tangent modulus of shear up to a stretch, over the shear modulus at rest; 1 for neo-Hooke.
+        Below 0 the rubber is unstable in shear (Baker & Ericksen 1954, doi 10.1007/978-3-642-88691-1_6).
 
         (t_i - t_j) / (l_i^2 - l_j^2), t the principal Kirchhoff stresses, in uniaxial, planar and equibiaxial
-        tension at constant volume; Gent's law ends where its limit is.
+        tension at constant volume; Gent's law ends at its limit.
+
+        >>> round(Material(C10=0.2).steadiness(3.0), 12)
+        1.0
+        >>> Material(C10=0.2, C20=-0.02).steadiness(3.0) < 0
+        True
         """
         l = np.geomspace(1.0, stretch, 16)[1:, None]  # noqa: E741
         states = np.array([l ** np.array(powers) for powers in ((1, -0.5, -0.5), (1, 0, -1), (1, 1, -2))])
@@ -126,15 +148,19 @@ class Material:
     @property
     def constants(self) -> Array:
         """C10, C01, C20, C30, mu and 1/Jm of Gent, mu and 1/lambda_m^2 of eight chains, and the pairs of
-        Ogden: the columns of `terms`."""
+        Ogden: the columns of `terms`.
+
+        >>> Material(C10=0.25, ogden=((0.5, 4.0),)).constants
+        array([0.25, 0.  , 0.  , 0.  , 0.  , 0.  , 0.  , 0.  , 0.5 , 4.  ])
+        """
         mu, limit = self.gent or (0.0, np.inf)
         chain, lock = self.chains or (0.0, np.inf)
-        own = [self.C10, self.C01, self.C20, self.C30, mu, 1 / limit, chain, 1 / lock**2]
-        return np.array([*own, *(x for pair in self.ogden for x in pair)], float)
+        fixed = [self.C10, self.C01, self.C20, self.C30, mu, 1 / limit, chain, 1 / lock**2]
+        return np.array([*fixed, *(x for pair in self.ogden for x in pair)], float)
 
 
 def scaled(table: Array, factor: float) -> Array:
-    """Rows of constants (e, k) with all moduli multiplied, and no limit or exponent."""
+    """Rows of constants (e, k) with all moduli multiplied; limits and exponents stay."""
     out = table.copy()
     out[:, : terms.GENT_INVERSE] *= factor
     out[:, terms.CHAIN] *= factor
@@ -144,10 +170,14 @@ def scaled(table: Array, factor: float) -> Array:
 
 def relaxation(prony: Array, dt: float | Array) -> tuple[Array, Array]:
     """Decay exp(-dt/tau) and ramp weight (1 - exp(-dt/tau)) tau/dt (m, e) of Prony terms `prony` (m, e, 2);
-    for one term (1, 2) of several steps dt (t,) s, each (t,).
+    for one term (1, 2) and steps dt (t,) s, each (t,).
 
-    With them one step that is linear in the stress is exact: Q1 = decay Q0 + g ramp (S1 - S0)
-    (Taylor, Pister, Goudreau 1970, doi 10.1002/nme.1620020106).
+    With them a step in which the stress grows linearly is exact: Q1 = decay Q0 + g ramp (S1 - S0) (Taylor,
+    Pister, Goudreau 1970, doi 10.1002/nme.1620020106).
+
+    >>> decay, ramp = relaxation(np.array([[0.3, 2.0]]), np.array([2.0]))
+    >>> decay.round(4), ramp.round(4)
+    (array([0.3679]), array([0.6321]))
     """
     x = dt / prony[..., 1]
     return np.exp(-np.minimum(x, 300.0)), -np.expm1(-x) / x  # times a stress still a normal number

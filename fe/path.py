@@ -1,4 +1,5 @@
-"""A recorded pressure (`Path`), and what a solve asks of it: levels, times, the creep-equivalent pressure."""
+"""A recorded pressure history (`Path`); the pressure levels and times at which it is solved; the
+creep-equivalent pressure."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -24,7 +25,7 @@ GRADING = 1.5  # of a ramp's steps towards its lower pressure
 
 
 class Outside(TypedDict, total=False):
-    """The fields of a path that say what acts besides the pressure, and which surfaces carry that."""
+    """Fields of a path besides its pressure history: gravity, pulls, and shares of the pressure."""
 
     gravity: Array
     places: Array
@@ -35,13 +36,17 @@ class Outside(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Path:
-    """A pressure history: `time` (t,) s increasing and `pressure` (t,) MPa (dense log), output times (s,) s,
-    and, where they drift, the factor `stiffness` (t,) by which all moduli are multiplied at `time`.
+    """Pressure history: `time` (t,) s increasing and `pressure` (t,) MPa (dense log), output times (s,) s,
+    and, where they drift, the factor `stiffness` (t,) of all moduli at `time`.
 
-    gravity: the acceleration (3,) mm/s2, or (t, 3) at every log time where the structure is turned between
+    gravity: acceleration (3,) mm/s2, or (t, 3) at every log time where the structure is turned between
     recordings. pulls: dead forces (h, 3) N, or (t, h, 3), at material points `places` (h, 3) mm: hung
-    weights, measured forces. shares: what of the pressure each surface of `chambers` (c,) carries, (c,), or
-    (t, c). All change half way between two log times, and are there from the first on.
+    weights, measured forces. shares: share of the pressure on each surface of `chambers` (c,), (c,), or (t,
+    c). All change half way between two log times, and act from the first time on.
+
+    >>> ramp = Path(np.array([0.0, 1.0]), np.array([0.0, 0.02]), output=np.array([0.5, 1.0]))
+    >>> ramp.at_output()
+    array([0.01, 0.02])
     """
 
     time: Array
@@ -92,13 +97,12 @@ class Path:
 
     @property
     def turns(self) -> Integers:
-        """The log entries (k,) after which gravity, a pull or a share changes."""
+        """Log entries (k,) after which gravity, a pull or a share changes."""
         g = self.outside
         return np.flatnonzero((g[1:] != g[:-1]).any(axis=1))
 
     def run(self, time: Array) -> Integers:
-        """The number (k,) of the stretch of constant gravity, pulls and shares, from 0, that times (k,) s
-        belong to."""
+        """Number (k,), from 0, of the stretch of constant gravity, pulls and shares at times (k,) s."""
         switch = (self.time[self.turns] + self.time[self.turns + 1]) / 2
         return np.searchsorted(switch, time, side="right")
 
@@ -125,13 +129,22 @@ class Path:
 
 
 def levels(top: float, *, count: int = LEVELS) -> Array:
-    """Pressures (count + 1,) MPa from 0 to `top`, denser near 0 where the response bends most."""
+    """Pressures (count + 1,) MPa from 0 to `top`, denser near 0 where the response bends most.
+
+    >>> levels(0.03, count=2).round(4)
+    array([0.    , 0.0122, 0.03  ])
+    """
     return top * np.linspace(0, 1, count + 1) ** 1.3
 
 
 def corners(path: Path) -> Array:
-    """Log times (k,) s that carry the path as a polygon to within STRAIGHT of its range (Douglas & Peucker
-    1973, doi 10.3138/FM57-6770-U75U-7727)."""
+    """Log times (k,) s that approximate the path by a polygon to within STRAIGHT of its range (Douglas &
+    Peucker 1973, doi 10.3138/FM57-6770-U75U-7727).
+
+    >>> t = np.linspace(0.0, 2.0, 21)
+    >>> corners(Path(t, 0.01 * np.minimum(t, 1.0), output=t))
+    array([0., 1., 2.])
+    """
     t, p = path.time, path.pressure
     tolerance = STRAIGHT * float(np.ptp(p)) + 1e-15
     keep, stack = {0, len(t) - 1}, [(0, len(t) - 1)]
@@ -148,8 +161,8 @@ def corners(path: Path) -> Array:
 
 
 def rejoins(path: Path) -> Array:
-    """Times (k,) s inside a rise at which the pressure comes back to its largest so far, where Mullins
-    softening ends and new slip begins; nothing nearer to a corner than STRAIGHT of the range."""
+    """Times (k,) s inside a rise at which the pressure returns to its largest so far, where Mullins softening
+    ends and new slip begins; at least STRAIGHT of the range away from a corner."""
     t = corners(path)
     p, out, top = path.pressure_at(t), [], -np.inf
     near = STRAIGHT * float(np.ptp(path.pressure))
@@ -168,17 +181,17 @@ def knots(path: Path, *, softening: bool = False, creeping: bool = True) -> Arra
 
 
 def in_time(path: Path, time: Array, *, softening: bool = False, creeping: bool = True) -> Array:
-    """Weights (s, k) that carry values at the `knots`, `time` (k,) s, to the output times.
+    """Interpolation weights (s, k) from the `knots`, `time` (k,) s, to the output times.
 
     Between corners of the pressure a cubic spline over `_Span.even`; at the corners the slope may jump. It is
-    linear in the values: the derivative of what is interpolated is what interpolates the derivatives.
+    linear in the values: the derivative of the interpolant interpolates the derivatives.
     """
-    at = np.clip(path.output, time[0], time[-1])
-    weights, unit = np.zeros((len(at), len(time))), np.eye(len(time))
+    columns = np.clip(path.output, time[0], time[-1])
+    weights, unit = np.zeros((len(columns), len(time))), np.eye(len(time))
     for span in _spans(path, softening, creeping):
-        own = np.flatnonzero((time >= span.begin) & (time <= span.end))
-        inside = (at >= span.begin) & (at <= span.end)
-        weights[inside] = CubicSpline(span.even(time[own]), unit[own])(span.even(at[inside]))
+        rows = np.flatnonzero((time >= span.begin) & (time <= span.end))
+        inside = (columns >= span.begin) & (columns <= span.end)
+        weights[inside] = CubicSpline(span.even(time[rows]), unit[rows])(span.even(columns[inside]))
     return weights
 
 
@@ -199,9 +212,9 @@ class _Span:
         return abs(self.change) < 0.1
 
     def even(self, t: Array) -> Array:
-        """An increasing coordinate over which a history is smooth, so that even steps of it are enough: in a
-        hold log(1 + t / FIRST), as relaxation slows down; in a ramp time, but denser towards the lower
-        pressure, where what creep has left comes to show."""
+        """Increasing coordinate in which a history is smooth, so that even steps suffice: in a hold log(1 + t
+        / FIRST), as relaxation slows down; in a ramp the time, denser towards the lower pressure, where the
+        remaining creep shows."""
         if self._holds:
             return np.log1p((t - self.begin) / FIRST)
         x = (t - self.begin) / (self.end - self.begin)
@@ -233,10 +246,14 @@ def _spans(path: Path, softening: bool, creeping: bool) -> list[_Span]:
 
 
 def equivalent(time: Array, pressure: Array, prony: Array) -> Array:
-    """The pressure (t,) MPa that an elastic body would need to show the linear creep of a Prony body.
+    """Pressure (t,) MPa under which an elastic body would show the linear creep of a Prony body.
 
     prony (m, 2) holds g and tau s. Solves p(t) = int [1 - sum g (1 - exp(-(t-s)/tau))] dq(s) for q, with q
     linear between the times (t,) s; the structure is unloaded before the first time.
+
+    >>> hold = equivalent(np.array([0.0, 50.0, 100.0]), np.ones(3), np.array([[0.2, 5.0]]))
+    >>> hold[[0, -1]].round(3)  # 1 / (1 - g) in the end
+    array([1.  , 1.25])
     """
     out, g, x = np.empty(len(pressure)), prony[:, 0].copy(), np.diff(time)[:, None] / prony[:, 1]
     decay, share = np.exp(-np.minimum(x, 300.0)), g * -np.expm1(-x) / x
@@ -253,11 +270,11 @@ def _equivalent(pressure: Array, g: Array, decay: Array, share: Array, out: Arra
         total += g[k]
     out[0] = pressure[0]
     for n in range(1, len(pressure)):
-        rest, own = 0.0, 0.0
+        rest, ramp = 0.0, 0.0
         for k in range(len(g)):
             queue[k] *= decay[n - 1, k]
             rest += queue[k]
-            own += share[n - 1, k]
-        out[n] = (pressure[n] - rest + own * out[n - 1]) / (1.0 - total + own)
+            ramp += share[n - 1, k]
+        out[n] = (pressure[n] - rest + ramp * out[n - 1]) / (1.0 - total + ramp)
         for k in range(len(g)):
             queue[k] += share[n - 1, k] * (out[n] - out[n - 1])

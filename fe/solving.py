@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix
 from fe.case import Case, digest
 from fe.element import Array, Integers
 from fe.kernel.assembly import Kernel, State
-from fe.mesh.mirror import middle_plane, symmetry_support
+from fe.mesh.mirror import symmetry_support
 from fe.mesh.points import interpolation
 from fe.path import LEVELS, Path, levels
 from fe.solver.adjoint import NullTangents
@@ -32,12 +32,12 @@ from fe.solver.sensitivity import Differenced, Variation, refused, towards_memor
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """The response of a case to a path.
+    """Response of a case to a path.
 
     `converged`, or else `reason` says why not and `reached` (MPa) how far; `iterations` counts
-    factorisations. curves: one for each direction of gravity; number (s,) of that which belongs to an output
-    time. pressure (s,) MPa is the (creep-equivalent) pressure at the output times; slopes (v, s) its
-    derivatives. towards: the parameters that lead to a memory which the case has not.
+    factorisations. curves: one for each direction of gravity; number (s,): curve of each output time.
+    pressure (s,) MPa: the (creep-equivalent) pressure at the output times; slopes (v, s) its derivatives.
+    towards: parameters that would give the case a memory.
     """
 
     case: Case
@@ -54,7 +54,7 @@ class Solution:
 
     @property
     def converged(self) -> bool:
-        """Whether every output time was reached."""
+        """True if every output time was reached."""
         return self.reason == "converged"
 
     @property
@@ -64,8 +64,7 @@ class Solution:
 
     @cached_property
     def crossed(self) -> str:
-        """A sentence where walls have passed through each other at the highest load, which nothing in the
-        model hinders, or nothing."""
+        """Sentence about walls that penetrate each other at the highest load, or ""."""
         for curve in self.curves:
             place = crossing(self.case, curve.u[-1]) if len(curve.u) else None
             if place is not None:
@@ -77,8 +76,8 @@ class Solution:
 
     @property
     def instant(self) -> "Solution | None":
-        """The solution of the same case without the memory of its materials, without derivatives; None where
-        the history is not that of materials alone, so that the curves do not tell."""
+        """The solution without material memory and without derivatives; None where moduli drift or friction
+        made the history, so that the curves do not give it."""
         case, drift = self.case, self.path.stiffness
         if (case.contact is not None and case.contact.friction) or (drift is not None and np.any(drift != 1)):
             return None
@@ -89,18 +88,18 @@ class Solution:
         )
 
     def ahead(self, change: Array) -> "Solution":
-        """The solution to first order where the parameters of its variations change by `change` (v,): a start
-        for the solve there."""
+        """The solution extrapolated to first order in changes (v,) of its parameters: a start for the solve
+        there."""
         if not len(self.curves[0].derivative) or not np.any(change):
             return self
         h = self.history
         if h is not None:
             drift = list(h.drift)
             for c, curve in enumerate(self.curves):
-                own = np.flatnonzero(h.number == c)
-                for n in h.derivative if len(own) else ():
-                    along = curve.derivative_at(n, h.pressure[own])
-                    for k, u, p in zip(own, along.u, along.p, strict=True):
+                rows = np.flatnonzero(h.number == c)
+                for n in h.derivative if len(rows) else ():
+                    along = curve.derivative_at(n, h.pressure[rows])
+                    for k, u, p in zip(rows, along.u, along.p, strict=True):
                         on_curve = moved(State(u, p), curve.slope(h.pressure[k]), h.slopes[n, k])
                         state = State(h.derivative[n][k], h.p_derivative[n][k], on_curve.rotation)
                         drift[k] = moved(drift[k], moved(state, on_curve, -1.0), change[n])
@@ -135,7 +134,7 @@ class Solution:
         return slope / self.path.stiffness_at(self.path.output)[:, None, None]
 
     def variations_at(self, points: Array) -> Array:
-        """Derivatives (v, s, p, 3) of `at` to the parameters of the variations, mm per unit."""
+        """Derivatives (v, s, p, 3) of `at` by the parameters of the variations, mm per unit."""
         operator, h = self._operator(points), self.history
         du = self._along(operator, self.number, self.pressure, self.slopes)
         if self.towards is not None:
@@ -158,55 +157,45 @@ class Solution:
 
     @property
     def contact_force(self) -> Array:
-        """The force (s, 3) N of the obstacle on the structure at the output times, in a half model that on
-        the whole."""
-        return self._whole(self._touch())[:, :3]
-
-    @property
-    def contact_moment(self) -> Array:
-        """The moment (s, 3) N mm of that force about the origin."""
-        return self._whole(self._touch())[:, 3:]
+        """Force (s, 3) N of the obstacle on the structure at the output times; of a half model, on the whole
+        structure."""
+        return self._with_mirror_image(self._touch())
 
     @property
     def contact_variations(self) -> Array:
-        """Derivatives (v, s, 3) of `contact_force` to the parameters of the variations, N per unit."""
+        """Derivatives (v, s, 3) of `contact_force` by the parameters of the variations, N per unit."""
         out, h = self._touched(self.number, self.pressure, self.slopes), self.history
         if h is not None and len(out):
             carrier = self._touched(h.number, h.pressure, h.slopes)
             for n, d in h.touch_derivative.items():
                 out[n] += h.weights @ (d - carrier[n])
-        return np.array([self._whole(d)[:, :3] for d in out]).reshape(*out.shape[:2], 3)
+        return self._with_mirror_image(out)
 
     def _touch(self) -> Array:
-        """Force and moment (s, 6) on what is solved."""
+        """Force (s, 3) N on the solved part."""
         out, h = self._touch_on(self.number, self.pressure), self.history
         if h is None or not h.active:
             return out
         return out + h.weights @ (h.touch - self._touch_on(h.number, h.pressure))
 
     def _touch_on(self, number: Integers, pressure: Array) -> Array:
-        out = np.empty((len(pressure), 6))
+        out = np.empty((len(pressure), 3))
         for k, curve in enumerate(self.curves):
             out[number == k] = curve.touch_at(pressure[number == k])
         return out
 
     def _touched(self, number: Integers, pressure: Array, slopes: Array) -> Array:
-        """Derivatives (v, k, 6) on the curves `number` (k,) at pressures (k,) MPa with slopes (v, k)."""
-        out = np.empty((*slopes.shape, 6))
+        """Derivatives (v, k, 3) on the curves `number` (k,) at pressures (k,) MPa with slopes (v, k)."""
+        out = np.empty((*slopes.shape, 3))
         for k, curve in enumerate(self.curves):
-            own = number == k
-            *du, along = curve.touch_derivatives(pressure[own])
-            out[:, own] = slopes[:, own, None] * along + np.reshape(du, (len(slopes), own.sum(), 6))
+            rows = number == k
+            *du, along = curve.touch_derivatives(pressure[rows])
+            out[:, rows] = slopes[:, rows, None] * along + np.reshape(du, (len(slopes), rows.sum(), 3))
         return out
 
-    def _whole(self, touch: Array) -> Array:
-        """Force and moment (s, 6) with those of the other half, where one is solved."""
-        if symmetry_support(self.case) is None:
-            return touch
-        force, moment = np.split(touch, 2, axis=1)
-        image = force * [1.0, -1.0, 1.0]
-        there = np.cross([0.0, 2 * middle_plane(self.case), 0.0], image)
-        return np.concatenate([force + image, moment + moment * [-1.0, 1.0, -1.0] + there], axis=1)
+    def _with_mirror_image(self, touch: Array) -> Array:
+        """Forces (..., 3) on the whole structure: in a half model with their mirror image."""
+        return touch if symmetry_support(self.case) is None else touch + touch * [1.0, -1.0, 1.0]
 
     def fields(self, steps: Sequence[int]) -> Array:
         """Displacements (k, n, 3) mm of all nodes at the output times number `steps`."""
@@ -232,11 +221,24 @@ def solve(
     variations: Sequence[Variation] = (),
     count: int = LEVELS,
 ) -> Solution:
-    """The displacements of `case` along `path`, and their derivatives along `variations`.
+    """Displacements of `case` along `path`, and their derivatives along `variations`.
 
-    start: a solution of a neighbouring case with the same mesh and path, to begin from. count: levels of
-    pressure that carry the history-free curve; one output time needs no curve. Never raises for lack of
-    convergence: see `Solution.converged`, `reason` and `reached`.
+    start: a solution of a neighbouring case with its mesh and path, to begin from. count: levels of pressure
+    on the history-free curve; a single output time needs no curve. Never raises for lack of convergence: see
+    `Solution.converged`, `reason` and `reached`.
+
+    A bar of 20 mm x 1 mm2 that 2 mN stretch: u = F L / (E A) with E = 6 C10, a little less beside the clamp.
+
+    >>> from fe import Material
+    >>> from fe.mesh.extruding import box_grid, extruded, hollow_case
+    >>> quads = box_grid(np.array([0.0, 0.5]), np.array([0.0, 1.0]))  # the half y >= 0
+    >>> cells = extruded(quads, np.linspace(0.0, 20.0, 6)).reshape(-1, 27, 3)
+    >>> bar = hollow_case(cells, np.ones(5, bool), material=Material(C10=0.1), marks={})
+    >>> pulled = replace(bar, forces={"tip_face": np.array([1e-3, 0.0, 0.0])})  # N, on the half
+    >>> rest = Path(np.array([0.0, 1.0]), np.zeros(2), output=np.array([1.0]))
+    >>> solution = solve(pulled, rest)
+    >>> solution.converged, solution.at(np.array([[20.0, 0.0, 0.5]]))[0, 0, 0].round(3).item()
+    (True, 0.066)
     """
     if case.contact is not None and not case.contact.friction >= 0:
         raise ValueError(
@@ -256,12 +258,12 @@ def solve(
     if reason != "converged" or not (task.follows or (task.slips and _touch(loadings, curves))):
         return task.solution(loadings, curves, None, 0, reason)
     near_history = start.history if start else None
-    found = follow(loadings, curves, task.pairs, near=near_history, without=task.towards)
-    return task.solution(loadings, curves, *found)
+    history = follow(loadings, curves, task.pairs, near=near_history, without=task.towards)
+    return task.solution(loadings, curves, *history)
 
 
 def _without_moduli(case: Case, path: Path, parameters: int) -> Solution:
-    """The solution of a path along which the moduli drift to nothing."""
+    """Failed solution of a path along which the moduli drift to zero."""
     least = 0.0 if path.stiffness is None else path.stiffness.min()
     reason = f"stopped: the moduli fall to {least:.3g} of what they were, wanted above 0; correct their drift"
     none = np.zeros(len(path.output))
@@ -273,8 +275,8 @@ def _without_moduli(case: Case, path: Path, parameters: int) -> Solution:
 
 @dataclass(frozen=True)
 class _Task:
-    """What is to be solved: problems and their neighbours under each gravity, the paths of the neighbours,
-    what the path asks of the problem and of its neighbours at the log times."""
+    """A problem to solve: problems and their neighbours under each gravity, the neighbours' paths, and their
+    courses at the log times."""
 
     case: Case
     path: Path
@@ -296,16 +298,16 @@ class _Task:
         return _Task(case, path, loadings, pairs, dense, directions)
 
     @cached_property
-    def remembers(self) -> bool:
-        """Whether the material of the case, or of a neighbour, may have a memory."""
+    def has_memory(self) -> bool:
+        """True if the material of the case, or of a neighbour, may have a memory."""
         return bool(self.towards) or self.follows
 
     @cached_property
     def towards(self) -> frozenset[int]:
         """Numbers of the parameters that would give a case without memory its first creep or softening.
 
-        Only their two neighbours remember. Such derivatives come from the curves (`fe.solver.adjoint`), so
-        that no history is followed for them.
+        Only their two neighbours have a memory. Such derivatives come from the curves (`fe.solver.adjoint`),
+        without a history.
         """
         base, varied = self.loadings.problems, self.loadings.varied
         return frozenset(
@@ -316,11 +318,11 @@ class _Task:
 
     @cached_property
     def follows(self) -> bool:
-        """Whether a history must be followed: of the case, or of a neighbour whose derivative needs it."""
+        """True if a history must be solved: the case's own, or a neighbour's whose derivative needs it."""
         return any(
-            q.remembers(self.path)
+            q.has_memory(self.path)
             or any(
-                v.remembers(*p)
+                v.has_memory(*p)
                 for n, (v, p) in enumerate(zip(around, self.pairs, strict=True))
                 if n not in self.towards
             )
@@ -328,23 +330,23 @@ class _Task:
         )
 
     @cached_property
-    def rubs(self) -> bool:
-        """Whether there is friction."""
-        return any(q.rubs for q in self.loadings.everyone())
+    def has_friction(self) -> bool:
+        """True if there is friction."""
+        return any(q.has_friction for q in self.loadings.everyone())
 
     @cached_property
     def slips(self) -> bool:
-        """Whether slip, where a plane is touched, must be followed in time."""
+        """True if slip on an obstacle must be followed in time."""
         turns = len(self.loadings.problems) > 1
-        return self.rubs and (self.remembers or turns or _falls(self.path, self.dense.pressure))
+        return self.has_friction and (self.has_memory or turns or _falls(self.path, self.dense.pressure))
 
     def levels(self, count: int) -> tuple[Array, Loadings]:
         """The pressures (k,) MPa of the history-free curves, and the loadings that need one."""
         pressure, path, loadings = self.dense.pressure, self.path, self.loadings
         top, only = max(float(pressure.max()), 1e-9), float(np.interp(path.output[0], path.time, pressure))
-        if len(path.output) == 1 and only > 0 and not (self.remembers or self.slips):
+        if len(path.output) == 1 and only > 0 and not (self.has_memory or self.slips):
             top, loadings = only, loadings.only(int(loadings.at(path.output)[0]))
-            count = count if self.rubs else 1
+            count = count if self.has_friction else 1
         steps, low = levels(top, count=count), float(pressure.min())
         # above that is a gauge's noise, which the first cubic carries
         return (np.append(low, steps) if low < -0.01 * top else steps), loadings
@@ -357,7 +359,7 @@ class _Task:
         iterations: int,
         reason: str,
     ) -> Solution:
-        """What was found, at the output times."""
+        """Solution at the output times."""
         path, output, along = self.path, self.path.output, [d.slopes for d in self.directions]
         pressure, *slopes = (np.interp(output, path.time, x) for x in (self.dense.pressure, *along))
         towards = None
@@ -376,13 +378,13 @@ FALL = 0.02  # of the range: a fall of the pressure by less is a gauge's noise
 
 
 def _falls(path: Path, pressure: Array) -> bool:
-    """Whether the pressure (t,) MPa falls before the last output."""
+    """True if the pressure (t,) MPa falls before the last output."""
     p = pressure[: int(np.searchsorted(path.time, path.output.max())) + 1]
     return bool((np.maximum.accumulate(p) - p).max() > FALL * np.ptp(pressure))
 
 
 def _touch(loadings: Loadings, curves: tuple[Curve, ...]) -> bool:
-    """Whether a problem or a neighbour is on its plane anywhere on its curve."""
+    """True if a problem or a neighbour touches its obstacle anywhere on its curve."""
     return any(
         q.plane is not None and q.plane.touches(q.case.nodes + u)
         for problem, varied, curve in zip(loadings.problems, loadings.varied, curves, strict=True)
@@ -392,7 +394,7 @@ def _touch(loadings: Loadings, curves: tuple[Curve, ...]) -> bool:
 
 
 class _Key:
-    """What two cases must share to use one kernel: mesh, supports and surfaces, not materials or loads."""
+    """Cache key of a kernel: mesh, supports and surfaces, not materials or loads."""
 
     def __init__(self, case: Case) -> None:
         self.case = case
@@ -402,8 +404,8 @@ class _Key:
         tied = [case.surfaces[name] for tie in case.ties for name in (tie.slave, tie.master)]
         self.digest = digest(*mesh, surface, *held, case.ties, case.equations, *tied, case.pressure_shares)
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and other.digest == self.digest
+    def __eq__(self, key: object) -> bool:
+        return isinstance(key, _Key) and key.digest == self.digest
 
     def __hash__(self) -> int:
         return hash(self.digest)

@@ -37,17 +37,17 @@ def machine_code(function: Callable[..., Any], *, inline: bool = False) -> Any:
     so it must not even be read then: both stand in the version of what is kept, which numba reads first.
     Where numba has no place for that, nothing is kept.
     """
-    kept: Any = numba.njit(function, cache=True, forceinline=inline, **_OPTIONS)
+    compiled: Any = numba.njit(function, cache=True, forceinline=inline, **_OPTIONS)
     try:
-        file = kept._cache._cache_file
+        file = compiled._cache._cache_file
         file._version = (file._version, file._source_stamp, _OWN_SOURCE)
     except AttributeError:
         return numba.njit(function, **_OPTIONS)
-    return kept
+    return compiled
 
 
 def part(function: Callable[..., Any]) -> Any:
-    """As `machine_code`, for what is called at every point: part of its caller, as a record is dear to
+    """The function compiled into its callers, for code that runs at every point: a record is expensive to
     pass."""
     return machine_code(function, inline=True)
 
@@ -67,15 +67,15 @@ class Point(NamedTuple):
 
 @machine_code
 def new_point() -> Point:
-    """An empty one."""
+    """A Point with uninitialised arrays."""
     w = np.empty((7, 3, 3))
     return Point(w[0], w[1], w[2], w[3], w[4], w[5], w[6])
 
 
 @part
-def invariants(at: Point) -> tuple[float, float, float]:
+def invariants(point: Point) -> tuple[float, float, float]:
     """J, tr C and (tr(C)^2 - tr(C^2)) / 2 of F; fills C and a. NaN where J <= 0."""
-    F, C, a = at.F, at.C, at.a
+    F, C, a = point.F, point.C, point.a
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         for p in range(3):
@@ -97,10 +97,10 @@ def invariants(at: Point) -> tuple[float, float, float]:
 @machine_code
 def _gent(c: Array, x: float) -> tuple[float, float]:
     """The two slopes of Gent's term at I1 - 3 = x; NaN beyond its limit."""
-    left = 1.0 - c[GENT_INVERSE] * x
-    if not left > 0.0:
-        left = np.nan
-    return 0.5 * c[GENT] / left, 0.5 * c[GENT] * c[GENT_INVERSE] / (left * left)
+    rest = 1.0 - c[GENT_INVERSE] * x
+    if not rest > 0.0:
+        rest = np.nan
+    return 0.5 * c[GENT] / rest, 0.5 * c[GENT] * c[GENT_INVERSE] / (rest * rest)
 
 
 @machine_code
@@ -109,9 +109,9 @@ def _chain(c: Array, x: float) -> tuple[float, float]:
     I1, power = x + 3.0, c[CHAIN]
     W1, W11 = CHAINS[0] * power, 0.0
     for i in range(2, 6):  # power: mu (k I1)^(i - 2)
-        own = i * CHAINS[i - 1] * c[CHAIN_INVERSE] * power
-        W1 += own * I1
-        W11 += (i - 1) * own
+        term = i * CHAINS[i - 1] * c[CHAIN_INVERSE] * power
+        W1 += term * I1
+        W11 += (i - 1) * term
         power *= c[CHAIN_INVERSE] * I1
     return W1, W11
 
@@ -133,10 +133,10 @@ def _slopes(c: Array, x: float) -> tuple[float, float]:
 
 
 @part
-def in_invariants(at: Point, J: float, I1: float, I2: float, c: Array) -> tuple[float, float, float]:
+def in_invariants(point: Point, J: float, I1: float, I2: float, c: Array) -> tuple[float, float, float]:
     """The weights w1 = W1 J^(-2/3), w2 = W2 J^(-4/3), W11 of the terms in invariants; fills P, their
     isochoric stress, g and m."""
-    F, C, a, g, m, P = at.F, at.C, at.a, at.g, at.m, at.P
+    F, C, a, g, m, P = point.F, point.C, point.a, point.g, point.m, point.P
     j1 = J ** (-2.0 / 3.0)
     j2 = j1 * j1
     W1, W11 = _slopes(c, j1 * I1 - 3.0)
@@ -190,18 +190,18 @@ def _principal(stretch: Array, c: Array, beta: Array, moduli: Array) -> None:
         for a in range(3):
             beta[a] += 2.0 * mu / alpha * (power[a] - total / 3.0)
             for b in range(3):
-                own = power[a] if a == b else 0.0
-                moduli[a, b] += 2.0 * mu * (own - (power[a] + power[b]) / 3.0 + total / 9.0)
+                diagonal = power[a] if a == b else 0.0
+                moduli[a, b] += 2.0 * mu * (diagonal - (power[a] + power[b]) / 3.0 + total / 9.0)
 
 
 @machine_code
-def ogden(at: Point, J: float, scale: float, c: Array, A: Array) -> None:
+def ogden(point: Point, J: float, scale: float, c: Array, A: Array) -> None:
     """Adds Ogden's terms to P, and `scale` times their tangent to A (6 or 0, 3, 3), by principal stretches
     (Holzapfel 2000, Nonlinear Solid Mechanics, section 6.6)."""
-    F, P, work = at.F, at.P, np.empty((4, 3, 3))
+    F, P, work = point.F, point.P, np.empty((4, 3, 3))
     D, N, n, moduli = work[0], work[1], work[2], work[3]
     beta, S, stretch = np.empty(3), np.empty(3), np.empty(3)
-    _eigen(at.C, D, N)
+    _eigen(point.C, D, N)
     for a in range(3):
         stretch[a] = D[a, a] * J ** (-2.0 / 3.0)
     _principal(stretch, c, beta, moduli)
@@ -251,11 +251,11 @@ def _ogden_tangent(D: Array, N: Array, n: Array, S: Array, moduli: Array, scale:
 
 @part
 def tangent(
-    at: Point, I1: float, I2: float, w1: float, w2: float, w11: float, pJ: float, A: Array
+    point: Point, I1: float, I2: float, w1: float, w2: float, w11: float, pJ: float, A: Array
 ) -> None:
     """A (6, 3, 3): d(scale P + p J F^-T)_iI / dF_jJ of the PAIRS (i, j), by `scale` times the weights of
     `in_invariants`."""
-    F, C, a, g, m, h = at.F, at.C, at.a, at.g, at.m, at.h
+    F, C, a, g, m, h = point.F, point.C, point.a, point.g, point.m, point.h
     aa = 4.0 / 9.0 * w1 * I1 + 16.0 / 9.0 * w2 * I2 + pJ
     cross = 2.0 / 3.0 * w1 * I1 + 4.0 / 3.0 * w2 * I2 - pJ
     for i in range(3):
@@ -263,13 +263,13 @@ def tangent(
             h[i, p] = -4.0 / 3.0 * (w1 * F[i, p] + w2 * g[i, p])
     for n in range(6):
         i, j = PAIRS[n]
-        left = -2.0 * w2 * (F[i, 0] * F[j, 0] + F[i, 1] * F[j, 1] + F[i, 2] * F[j, 2])
+        geometric = -2.0 * w2 * (F[i, 0] * F[j, 0] + F[i, 1] * F[j, 1] + F[i, 2] * F[j, 2])
         for p in range(3):
             for q in range(3):
                 value = 2.0 * w2 * (2.0 * F[i, p] * F[j, q] - F[i, q] * F[j, p])
                 value += a[i, p] * (aa * a[j, q] + h[j, q]) + h[i, p] * a[j, q] + cross * a[i, q] * a[j, p]
                 A[n, p, q] = value + w11 * m[i, p] * m[j, q]
-            A[n, p, p] += left
+            A[n, p, p] += geometric
         if i == j:
             for p in range(3):
                 A[n, p, p] += 2.0 * w1 + 2.0 * w2 * I1
@@ -278,8 +278,8 @@ def tangent(
 
 
 @machine_code
-def energy(at: Point, J: float, I1: float, I2: float, c: Array) -> float:
-    """Isochoric energy of the law, N mm/mm3."""
+def energy(point: Point, J: float, I1: float, I2: float, c: Array) -> float:
+    """Isochoric strain energy density of the law, N mm/mm3."""
     j1 = J ** (-2.0 / 3.0)
     x = j1 * I1 - 3.0
     W = (c[C10] + (c[C20] + c[C30] * x) * x) * x + c[C01] * (j1 * j1 * I2 - 3.0)
@@ -293,7 +293,7 @@ def energy(at: Point, J: float, I1: float, I2: float, c: Array) -> float:
     if len(c) > OGDEN:
         work = np.empty((2, 3, 3))
         D, N = work[0], work[1]
-        _eigen(at.C, D, N)
+        _eigen(point.C, D, N)
         for k in range(OGDEN, len(c), 2):
             for a in range(3):
                 W += 2.0 * c[k] / (c[k + 1] * c[k + 1]) * ((D[a, a] * j1) ** (0.5 * c[k + 1]) - 1.0)
@@ -302,9 +302,9 @@ def energy(at: Point, J: float, I1: float, I2: float, c: Array) -> float:
 
 @machine_code
 def softened(W: float, soft: Array, peak: float, side: int) -> tuple[float, float]:
-    """What Mullins softening (amount, m, beta) takes off the scale, and the slope of the scale with W.
+    """Reduction of the stress scale by Mullins softening (amount, m, beta), and its slope by W.
 
-    side: 1 below the largest energy so far, 0 at it, -1 to be told from W.
+    side: 1 on the unloading branch, 0 on the primary one, -1 to decide by W.
     """
     if side == 0 or (side < 0 and peak <= W):
         return 0.0, 0.0

@@ -1,4 +1,4 @@
-"""What a deck said so far, by labels and names, and the case by rows that comes of it."""
+"""The content of a deck while it is read (`Draft`), by labels and names, and the case that it describes."""
 
 from dataclasses import KW_ONLY, dataclass, field
 
@@ -21,14 +21,14 @@ MOST_NODES = 10_000  # of a mesh whose elements become 27-node ones
 
 @dataclass
 class Draft:
-    """What was read so far: sets hold labels, supports (set, component, mm), forces N on each node.
+    """Content of a deck so far: sets hold labels, supports (set, component, mm), forces N on each node.
 
-    turning: rotations that are held; shares: of the largest pressure, that of each loaded surface.
-    here: what mesh keywords fill, `mesh` or a part; numbered: what was added to the labels of an instance;
-    elastic: modulus and Poisson's ratio of *ELASTIC; instantaneous: whether a law's constants are;
-    amplitudes: the largest value of each, and whether it is absolute; tables: their times and values over
-    that; courses: the first step of each loaded surface, and the table that it follows; pressed: by steps,
-    the last keyword and all pressures that act; remarks: sentences on what was read as something else.
+    turning: held rotations. shares: pressure of each loaded surface over the largest. here: the mesh being
+    filled, `mesh` or a part. numbered: offset of the labels of each instance. elastic: modulus and Poisson's
+    ratio of *ELASTIC. instantaneous: true for laws with instantaneous constants. amplitudes: peak of each
+    amplitude, and true for an absolute one; tables: its times and values over the peak. courses: first step
+    and table of each loaded surface. pressed: by step, the last keyword and all pressures that act. remarks:
+    sentences about replacements.
     """
 
     file: str
@@ -82,8 +82,8 @@ class Draft:
         mesh, numbers = self.mesh, np.array(sorted(self.mesh.elements), np.int64)
         if divides({kind for kind, _ in mesh.elements.values()}):
             mesh, parents = in_tetrahedra(mesh, self.file, self.remark)
-            own = np.array(sorted(mesh.elements), np.int64)
-            case, numbers = self._rows(mesh, kind, own), parents
+            tetrahedra = np.array(sorted(mesh.elements), np.int64)
+            case, numbers = self._rows(mesh, kind, tetrahedra), parents
         else:
             case = self._rows(mesh, kind, numbers)
         case = tied(without_unused_nodes(case), solid)
@@ -135,10 +135,10 @@ class Draft:
             (str(moved.get(int(where), int(where))) if where.isdigit() else where, d): value
             for (where, d), value in self.forces.items()
         }
-        for label, other in stands.items():
+        for label, node in stands.items():
             for members in self.mesh.node_sets.values():
                 if members == [label]:
-                    members[:] = [other]
+                    members[:] = [node]
         every = (*self.equations, *equations)
         self.equations = [Equation(tuple((same.get(n, n), d, f) for n, d, f in e.terms)) for e in every]
         return set().union(*(of_sheets(self.mesh, tie) for tie in self.ties))
@@ -213,8 +213,8 @@ class Draft:
 
 def _check_apart(draft: Draft, faces: Integers, numbers: Integers) -> None:
     """ValueError where a face lies in two surfaces that carry the pressure: it would act twice."""
-    own, count = np.unique(faces, axis=0, return_counts=True)
-    for e, f in own[count > 1][:1].tolist():
+    distinct, count = np.unique(faces, axis=0, return_counts=True)
+    for e, f in distinct[count > 1][:1].tolist():
         raise ValueError(
             f"{draft.file}: face {f + 1} of element {numbers[e]} lies in two loaded surfaces, "
             f"{' and '.join(draft.loads)}; wanted it in one, as the pressure would act twice"

@@ -1,4 +1,4 @@
-"""The element that each Abaqus type of a deck is read as, and the one type that a case has."""
+"""The element that stands for each Abaqus type of a deck, and the single type of a case's elements."""
 
 from collections.abc import Callable, Iterable
 
@@ -22,39 +22,51 @@ SHEETS = {
 
 
 def nodes_of(kind: str) -> int | None:
-    """How many nodes an element of that type has; None where it cannot be read."""
+    """Number of nodes of an element type; None for a type that is not supported.
+
+    >>> nodes_of("C3D20RH"), nodes_of("S4R"), nodes_of("C3D27")
+    (20, 4, None)
+    """
     return (KINDS | SHEETS).get(kind)
 
 
 def read_as(kind: str) -> str:
-    """The type that stands for that of a deck."""
+    """The element type that replaces a type of the deck.
+
+    >>> read_as("C3D10M")
+    'C3D10H'
+    """
     return (RICHER | SAME).get(kind, kind)
 
 
-def one_type(found: Iterable[str], remark: Callable[[str], None]) -> tuple[str, bool]:
-    """The one type that the types found become, and whether its elements become richer ones. Sentences say
-    what changes."""
-    own = set(found)
-    richer = own & set(RICHER)
-    for kind in sorted(own & set(SAME)):
+def one_type(types: Iterable[str], remark: Callable[[str], None]) -> tuple[str, bool]:
+    """The element type that replaces all `types` of a mesh, and True if its elements become 27-node ones.
+    `remark` receives a sentence about every replacement."""
+    distinct = set(types)
+    richer = distinct & set(RICHER)
+    for kind in sorted(distinct & set(SAME)):
         remark(f"Elements {kind} are read as {SAME[kind]}.")
-    kinds = {read_as(kind) for kind in own}
+    kinds = {read_as(kind) for kind in distinct}
     if len(kinds) == 1:
         (kind,) = kinds
         return (kind, bool(richer)) if not kind.startswith(WEDGES) else (TETRAHEDRA, False)
-    for first, *others in FAMILIES:
-        if kinds <= {first, *others}:
+    for family, *others in FAMILIES:
+        if kinds <= {family, *others}:
             if len({k.rstrip("H") for k in kinds}) > 1:
-                remark(f"Elements of the types {', '.join(sorted(kinds))} are all read as {first}.")
-            return first, bool(richer)
+                remark(f"Elements of the types {', '.join(sorted(kinds))} are all read as {family}.")
+            return family, bool(richer)
     return TETRAHEDRA, False
 
 
 WEDGES = ("C3D6", "C3D15")
 
 
-def divides(found: Iterable[str]) -> bool:
-    """Whether elements of these types become tetrahedra: wedges, and shapes that are mixed."""
-    return one_type(found, lambda _: None)[0] == TETRAHEDRA and not {read_as(k) for k in found} <= {
+def divides(types: Iterable[str]) -> bool:
+    """True if elements of these types are divided into tetrahedra: wedges, and meshes of mixed shapes.
+
+    >>> divides(["C3D8H", "C3D4"]), divides(["C3D8H", "C3D8"])
+    (True, False)
+    """
+    return one_type(types, lambda _: None)[0] == TETRAHEDRA and not {read_as(k) for k in types} <= {
         "C3D10", TETRAHEDRA,
     }  # fmt: skip

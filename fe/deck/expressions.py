@@ -1,4 +1,4 @@
-"""The values of *PARAMETER: arithmetic and nothing else, so that a deck from a stranger computes no more."""
+"""Expressions of *PARAMETER: arithmetic and nothing else, so that a stranger's deck runs no code."""
 
 import ast
 import math
@@ -22,36 +22,40 @@ OPERATORS: dict[type, Callable[..., float]] = {
 }
 
 
-def value_of(text: str, known: Mapping[str, float | str]) -> float | str:
-    """The number, or the quoted text, that an expression gives: of numbers, + - * / ** %, brackets, FUNCTIONS
-    and the parameters `known`. ValueError says what is wrong with it."""
+def value_of(text: str, parameters: Mapping[str, float | str]) -> float | str:
+    """Value of an expression of *PARAMETER: a number, or a quoted text. Numbers may be combined by + - * / **
+    %, brackets, FUNCTIONS and the names in `parameters`. ValueError says what is wrong with the expression.
+
+    >>> value_of("2*radius + sqrt(0.25)", {"radius": 3.0})
+    6.5
+    """
     if len(text) > LONGEST:
         raise ValueError(f"an expression of {len(text)} letters: wanted at most {LONGEST}")
     try:
-        found = _value(ast.parse(text.strip(), mode="eval").body, known)
+        value = _value(ast.parse(text.strip(), mode="eval").body, parameters)
     except SyntaxError:
         raise ValueError(f"{text.strip()}: wanted an expression such as 2*radius + 0.5") from None
     except (ArithmeticError, TypeError, RecursionError) as error:
         raise ValueError(f"{text.strip()}: cannot be computed ({error})") from None
-    if isinstance(found, float) and not math.isfinite(found):
+    if isinstance(value, float) and not math.isfinite(value):
         raise ValueError(f"{text.strip()}: wanted a finite number")
-    return found
+    return value
 
 
-def _value(node: ast.expr, known: Mapping[str, float | str]) -> float | str:
+def _value(node: ast.expr, parameters: Mapping[str, float | str]) -> float | str:
     match node:
         case ast.Constant(value=int() | float() | str() as value) if not isinstance(value, bool):
             return value if isinstance(value, str) else _number(value)
-        case ast.Name(id=name) if name.lower() in known:
-            return known[name.lower()]
+        case ast.Name(id=name) if name.lower() in parameters:
+            return parameters[name.lower()]
         case ast.Name(id="pi"):
             return math.pi
         case ast.BinOp(left=a, op=op, right=b) if type(op) in OPERATORS:
-            return OPERATORS[type(op)](*_numbers((a, b), known))
+            return OPERATORS[type(op)](*_numbers((a, b), parameters))
         case ast.UnaryOp(op=op, operand=a) if type(op) in OPERATORS:
-            return OPERATORS[type(op)](*_numbers((a,), known))
+            return OPERATORS[type(op)](*_numbers((a,), parameters))
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name.lower() in FUNCTIONS:
-            return _called(FUNCTIONS[name.lower()], _numbers(args, known))
+            return _called(FUNCTIONS[name.lower()], _numbers(args, parameters))
         case ast.Name(id=name):
             raise ValueError(f"the parameter {name} is not defined above; define it under *PARAMETER")
     raise ValueError(
@@ -59,12 +63,12 @@ def _value(node: ast.expr, known: Mapping[str, float | str]) -> float | str:
     )
 
 
-def _numbers(nodes: Iterable[ast.expr], known: Mapping[str, float | str]) -> list[float]:
-    """The values of expressions, none of which may be a text: multiplied, it would fill the memory."""
-    found = [_value(node, known) for node in nodes]
-    if any(isinstance(x, str) for x in found):
+def _numbers(nodes: Iterable[ast.expr], parameters: Mapping[str, float | str]) -> list[float]:
+    """Values of expressions as numbers. TypeError for a text, which multiplied would fill the memory."""
+    values = [_value(node, parameters) for node in nodes]
+    if any(isinstance(x, str) for x in values):
         raise TypeError("a text among numbers")
-    return found  # type: ignore[return-value]
+    return values  # type: ignore[return-value]
 
 
 def _called(function: Callable[..., float], values: list[float]) -> float:

@@ -18,14 +18,14 @@ def ngen(draft: Draft, k: Keyword) -> None:
     k.only("NSET")
     added: list[int] = []
     for line, words in k.data:
-        first, last = k.wholes(line, words[:2], low=1)
+        start, end = k.wholes(line, words[:2], low=1)
         step = k.whole(line, words[2], low=1) if len(words) > 2 and words[2] else 1
-        if (last - first) % step or not 0 < last - first < MOST_MEMBERS:
-            raise k.error(f"{first}, {last}, {step}: wanted first < last, whole steps apart", line)
-        a, b = (_node(draft, k, line, n) for n in (first, last))
-        for n in range(first + step, last, step):
-            place_node(draft, k, line, n, a + (b - a) * (n - first) / (last - first))
-        added += range(first, last + 1, step)
+        if (end - start) % step or not 0 < end - start < MOST_MEMBERS:
+            raise k.error(f"{start}, {end}, {step}: wanted first < last, whole steps apart", line)
+        a, b = (_node(draft, k, line, n) for n in (start, end))
+        for n in range(start + step, end, step):
+            place_node(draft, k, line, n, a + (b - a) * (n - start) / (end - start))
+        added += range(start, end + 1, step)
     if "NSET" in k.parameters:
         join(setnames.opened(draft, "node_sets", k.text("NSET"), []), added)
 
@@ -41,11 +41,11 @@ def nfill(draft: Draft, k: Keyword) -> None:
     k.only("NSET")
     added: list[int] = []
     for line, words in k.data:
-        first, last = (setnames.known(k, draft.here.node_sets, w, line) for w in words[:2])
+        starts, ends = (setnames.known(k, draft.here.node_sets, w, line) for w in words[:2])
         count, step = k.wholes(line, words[2:4], low=1)
-        if len(first) != len(last) or len(first) * count > MOST_MEMBERS:
-            raise k.error(f"sets of {len(first)} and {len(last)} nodes: wanted two of one size", line)
-        for a, b in zip(first, last, strict=True):
+        if len(starts) != len(ends) or len(starts) * count > MOST_MEMBERS:
+            raise k.error(f"sets of {len(starts)} and {len(ends)} nodes: wanted two of one size", line)
+        for a, b in zip(starts, ends, strict=True):
             x, y = (_node(draft, k, line, n) for n in (a, b))
             for i in range(1, count):
                 place_node(draft, k, line, a + i * step, x + (y - x) * i / count)
@@ -79,18 +79,18 @@ def elgen(draft: Draft, k: Keyword) -> None:
     for line, words in k.data:
         if words[0] == "ALL NODES":
             raise k.error("*ELGEN with ALL NODES: wanted it without", line)
-        given = k.wholes(line, [w or "1" for w in words])
-        first, ways = given[0], [given[i : i + 3] for i in range(1, len(given), 3)]
-        ways = [[*way, 1, 1][:3] for way in ways if way]
-        counts = [way[0] for way in ways]
-        if first not in draft.here.elements or min(counts, default=0) < 1:
-            raise k.error(f"element {first}: wanted one that is defined above, and counts of 1 or more", line)
+        numbers = k.wholes(line, [w or "1" for w in words])
+        start, runs = numbers[0], [numbers[i : i + 3] for i in range(1, len(numbers), 3)]
+        runs = [[*run, 1, 1][:3] for run in runs if run]
+        counts = [run[0] for run in runs]
+        if start not in draft.here.elements or min(counts, default=0) < 1:
+            raise k.error(f"element {start}: wanted one that is defined above, and counts of 1 or more", line)
         if np.prod(counts, dtype=float) > MOST_MEMBERS:
             raise k.error(f"more than {MOST_MEMBERS} elements: wanted fewer", line)
-        kind, row = draft.here.elements[first]
-        for at in product(*(range(c) for c in counts)):
-            more, number = (sum(i * way[j] for i, way in zip(at, ways, strict=True)) for j in (1, 2))
-            put_element(draft, k, line, first + number, (kind, [n + more for n in row]))
-            added.append(first + number)
+        kind, row = draft.here.elements[start]
+        for index in product(*(range(c) for c in counts)):
+            more, number = (sum(i * run[j] for i, run in zip(index, runs, strict=True)) for j in (1, 2))
+            put_element(draft, k, line, start + number, (kind, [n + more for n in row]))
+            added.append(start + number)
     if "ELSET" in k.parameters:
         join(setnames.opened(draft, "element_sets", k.text("ELSET"), []), added)

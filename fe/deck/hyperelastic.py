@@ -1,4 +1,4 @@
-"""The laws of *HYPERELASTIC: how a deck states each of them, read and written.
+"""Table of the laws of *HYPERELASTIC, read and written (`FORMS`).
 
 A new law is one more entry of FORMS. Compressibility is stated by the first term alone, D1 = 2 / K. N is
 written after the law's name: CalculiX (2.20) forgets an N that stands before it, and takes the first term.
@@ -16,11 +16,11 @@ TERMS = ("C10", "C01", "C20", "C30", "ogden", "chains")  # of a material, that a
 
 @dataclass(frozen=True)
 class Form:
-    """One way to state a law: the keyword's parameter `kind`, and N where that is given.
+    """A form of *HYPERELASTIC: the keyword's parameter `kind`, and N (`order`) where it is fixed.
 
-    holds: the constants of a material that it may hold. read: the material of its data and of N, without its
-    bulk modulus, and what follows its constants, D1 first; no material where a term is there that none has;
-    IndexError where the data end early. write: the keyword's parameters and its data.
+    holds: constants of a material that the form can state. read: from the data and N to a material without
+    bulk modulus, and the data after its constants, D1 first; no material if a term is not supported;
+    IndexError if data are missing. write: the keyword's parameters and its data.
     """
 
     kind: str
@@ -30,26 +30,26 @@ class Form:
     order: int | None = None
 
     def fits(self, parameters: Mapping[str, str]) -> bool:
-        """Whether the parameters of a keyword ask for it."""
+        """True if the parameters of a keyword select this form."""
         return self.kind in parameters and self.order in (None, _order(parameters))
 
 
 def _order(parameters: Mapping[str, str]) -> int:
-    """The number of terms, N; 0 where it is none."""
-    stated = parameters.get("N", "1")
-    return int(stated) if stated in {"1", "2", "3", "4", "5", "6"} else 0
+    """Number of terms N; 0 if it is not a valid one."""
+    text = parameters.get("N", "1")
+    return int(text) if text in {"1", "2", "3", "4", "5", "6"} else 0
 
 
 def polynomial(kind: str, *constants: str, order: int | None = None, compressible: int = 1) -> Form:
-    """A form with one number for each of these constants of a material, in their order, or "" for a term that
-    none has; compressible: how many D1 .. it has, `order` where that is given."""
+    """A form with one number for each of `constants`, "" for an unsupported term; compressible: number of D1
+    .., by default `order`."""
 
     def read(c: Sequence[float], _: int) -> tuple[Material | None, Sequence[float]]:
-        given = [(name, c[k]) for k, name in enumerate(constants)]
-        if any(value for name, value in given if not name):
+        named = [(name, c[k]) for k, name in enumerate(constants)]
+        if any(value for name, value in named if not name):
             return None, ()
-        own = {name: value for name, value in given if name}
-        return Material(**own), c[len(given) :]  # type: ignore[arg-type]
+        values = {name: value for name, value in named if name}
+        return Material(**values), c[len(named) :]  # type: ignore[arg-type]
 
     def write(m: Material) -> tuple[str, list[float]]:
         values = [getattr(m, name) if name else 0.0 for name in constants]
@@ -102,14 +102,14 @@ def read_law(k: Keyword) -> Material:
     c = [x for line, words in k.data for x in k.numbers(line, [w for w in words if w])]
     for form in FORMS:
         if form.fits(k.parameters):
-            law, left = form.read(c, _order(k.parameters))
+            law, D = form.read(c, _order(k.parameters))
             if law is not None:
-                if not law.shear > 0 or (left and left[0] < 0):
+                if not law.shear > 0 or (D and D[0] < 0):
                     raise k.error(
                         f"*HYPERELASTIC with a shear modulus of {law.shear:g} MPa and D1 = "
-                        f"{left[0] if left else 0:g}: wanted a shear modulus above 0, and D1 0 or more"
+                        f"{D[0] if D else 0:g}: wanted a shear modulus above 0, and D1 0 or more"
                     )
-                ratio = 2 / left[0] / law.shear if left and left[0] > 0 else INCOMPRESSIBLE
+                ratio = 2 / D[0] / law.shear if D and D[0] > 0 else INCOMPRESSIBLE
                 return replace(law, bulk_ratio=ratio)
     raise k.error(
         f"*HYPERELASTIC {', '.join(k.parameters) or 'POLYNOMIAL'}: wanted Mooney-Rivlin, neo-Hooke, "
@@ -118,8 +118,12 @@ def read_law(k: Keyword) -> Material:
 
 
 def written_law(name: str, m: Material) -> list[str]:
-    """The lines of *HYPERELASTIC for the material of that name, of at most 8 values each. ValueError where no
-    form holds all its terms."""
+    """Lines of *HYPERELASTIC for a material, at most 8 values each. ValueError where no form holds all its
+    terms.
+
+    >>> written_law("rubber", Material(C10=0.25, bulk_ratio=1000.0))
+    ['*HYPERELASTIC, MOONEY-RIVLIN', '0.25, 0, 0.004']
+    """
     there = [term for term in TERMS if getattr(m, term)]
     form = next((f for f in FORMS if set(there) <= set(f.holds)), None)
     if form is None:

@@ -1,7 +1,7 @@
-"""Parts and their instances: what a part holds is put in place, under labels and names of its own.
+"""Parts and instances: each instance puts a copy of its part into the mesh, under its own labels and names.
 
-The first instance keeps its labels. A later one gets a power of ten added, and the same set name in two of
-them the instance's name before it.
+The first instance keeps its labels. A later one gets a power of ten added; a set name that two instances
+share gets the instance's name before it.
 """
 
 from copy import deepcopy
@@ -35,16 +35,16 @@ def end_part(draft: Draft, k: Keyword) -> None:
 
 def instance(draft: Draft, k: Keyword) -> None:
     """*INSTANCE: a copy of a part, and what follows up to *END INSTANCE."""
-    stated, name = small(k.parameters.get("PART", "")), small(k.parameters.get("NAME", ""))
-    if stated not in draft.parts and draft.parts and stated:
-        raise k.error(f"*INSTANCE, PART={stated}: no such part; wanted one of {', '.join(draft.parts)}")
-    own = draft.parts.get(stated, MeshDraft())
+    part_name, name = small(k.parameters.get("PART", "")), small(k.parameters.get("NAME", ""))
+    if part_name not in draft.parts and draft.parts and part_name:
+        raise k.error(f"*INSTANCE, PART={part_name}: no such part; wanted one of {', '.join(draft.parts)}")
+    source = draft.parts.get(part_name, MeshDraft())
     moved = [k.numbers(line, [w for w in words if w]) for line, words in k.data]
-    if any(any(row) for row in moved) and not own.nodes:
+    if any(any(row) for row in moved) and not source.nodes:
         raise k.error("an *INSTANCE that is moved and has its own nodes: wanted one in place")
     if name in draft.numbered:
         raise k.error(f"*INSTANCE, NAME={name}: a second one of that name; wanted another")
-    draft.here = deepcopy(own)
+    draft.here = deepcopy(source)
     draft.instance = name, moved
     if len(moved) > 1:
         _turn(moved[1])  # an axis that is none is told here
@@ -57,34 +57,34 @@ def end_instance(draft: Draft, k: Keyword) -> None:
     """*END INSTANCE: it goes into the mesh."""
     if draft.instance is None:
         return
-    (name, moved), own, whole = draft.instance, draft.here, draft.mesh
-    draft.here, draft.instance = whole, None
-    top = max([0, *whole.nodes, *whole.elements, *whole.sheets])
+    (name, moved), copy, mesh = draft.instance, draft.here, draft.mesh
+    draft.here, draft.instance = mesh, None
+    top = max([0, *mesh.nodes, *mesh.elements, *mesh.sheets])
     more = 10 ** len(str(top)) if top else 0
     draft.numbered[name] = more
     if more:
         draft.remark(f"Nodes and elements of the instance {name} have {more} added to their labels.")
-    whole.nodes |= {n + more: _placed(x, moved) for n, x in own.nodes.items()}
-    whole.elements |= {e + more: (kind, [n + more for n in row]) for e, (kind, row) in own.elements.items()}
-    whole.sheets |= {e + more: (kind, [n + more for n in row]) for e, (kind, row) in own.sheets.items()}
-    sections, sheets = dict(own.sections), dict(own.sheet_sections)
+    mesh.nodes |= {n + more: _placed(x, moved) for n, x in copy.nodes.items()}
+    mesh.elements |= {e + more: (kind, [n + more for n in row]) for e, (kind, row) in copy.elements.items()}
+    mesh.sheets |= {e + more: (kind, [n + more for n in row]) for e, (kind, row) in copy.sheets.items()}
+    sections, sheets = dict(copy.sections), dict(copy.sheet_sections)
     for sets in SETS:
-        there = getattr(whole, sets)
-        for set_name, rows in getattr(own, sets).items():
+        there = getattr(mesh, sets)
+        for set_name, rows in getattr(copy, sets).items():
             shifted = [(r[0] + more, r[1]) for r in rows] if sets == "surfaces" else [r + more for r in rows]
             if set_name not in there and not any(n.endswith(f".{set_name}") for n in there):
-                there[set_name], whole.inherited[sets, set_name] = shifted, name
+                there[set_name], mesh.inherited[sets, set_name] = shifted, name
                 continue
             there[f"{name}.{set_name}"] = shifted
             if sets == "element_sets":
                 renamed(sections, set_name, f"{name}.{set_name}")
                 renamed(sheets, set_name, f"{name}.{set_name}")
-            before = whole.inherited.get((sets, set_name))
+            before = mesh.inherited.get((sets, set_name))
             if before is not None and f"{before}.{set_name}" not in there:
-                apart(whole, sets, set_name, before)
-                del whole.inherited[sets, set_name]
-    whole.sections |= sections
-    whole.sheet_sections |= sheets
+                apart(mesh, sets, set_name, before)
+                del mesh.inherited[sets, set_name]
+    mesh.sections |= sections
+    mesh.sheet_sections |= sheets
 
 
 def _turn(row: list[float]) -> tuple[Array, Rotation]:
@@ -95,7 +95,8 @@ def _turn(row: list[float]) -> tuple[Array, Rotation]:
 
 
 def _placed(x: Array, moved: list[list[float]]) -> Array:
-    """Where an instance puts a node: translated, then turned about an axis through two points, in degrees."""
+    """Position (3,) of an instance's node: translated, then rotated about an axis through two points, in
+    degrees."""
     if moved:
         x = x + np.array([*moved[0], 0.0, 0.0, 0.0][:3])
     if len(moved) > 1:

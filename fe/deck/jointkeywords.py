@@ -29,27 +29,27 @@ def equation(draft: Draft, k: Keyword) -> None:
     """*EQUATION: how many terms, then node or set, component, factor of each."""
     lines = iter(k.data)
     for line, words in lines:
-        wanted, given = k.whole(line, words[0], low=2, high=1000), list[tuple[Place, list[str]]]()
-        while len(given) < wanted:
-            at, row = next(lines, (line, []))
+        count, rows = k.whole(line, words[0], low=2, high=1000), list[tuple[Place, list[str]]]()
+        while len(rows) < count:
+            place, row = next(lines, (line, []))
             if not row:
                 raise IndexError
             row = row[: -1] if len(row) % 3 and not row[-1] else row
-            given += [(at, row[i : i + 3]) for i in range(0, len(row), 3)]
-        terms = [_term(draft, k, at, row) for at, row in given]
-        count = max(len(labels) for labels, _, _ in terms)
-        if any(len(labels) not in (1, count) for labels, _, _ in terms):
+            rows += [(place, row[i : i + 3]) for i in range(0, len(row), 3)]
+        terms = [_term(draft, k, place, row) for place, row in rows]
+        size = max(len(labels) for labels, _, _ in terms)
+        if any(len(labels) not in (1, size) for labels, _, _ in terms):
             raise k.error("*EQUATION with sets of different sizes: wanted one size, or single nodes", line)
-        for i in range(count):
-            own = [(labels[i % len(labels)], d, f) for labels, d, f in terms]
-            draft.equations.append(Equation(tuple(own)))
+        for i in range(size):
+            row_terms = [(labels[i % len(labels)], d, f) for labels, d, f in terms]
+            draft.equations.append(Equation(tuple(row_terms)))
 
 
-def _term(draft: Draft, k: Keyword, at: Place, row: list[str]) -> tuple[list[int], int, float]:
-    chosen = setnames.members(draft, k, draft.mesh.node_sets, row[0], at)
-    component, (factor,) = k.whole(at, row[1], low=1, high=3), k.numbers(at, row[2:3])
+def _term(draft: Draft, k: Keyword, line: Place, row: list[str]) -> tuple[list[int], int, float]:
+    chosen = setnames.members(draft, k, draft.mesh.node_sets, row[0], line)
+    component, (factor,) = k.whole(line, row[1], low=1, high=3), k.numbers(line, row[2:3])
     if not factor or not chosen:
-        raise k.error("*EQUATION with the factor 0, or an empty set: wanted factors that are not 0", at)
+        raise k.error("*EQUATION with the factor 0, or an empty set: wanted factors that are not 0", line)
     return sorted(chosen), component - 1, factor
 
 
@@ -59,41 +59,41 @@ def mpc(draft: Draft, k: Keyword) -> None:
         kind = words[0].upper()
         if kind not in ("TIE", "PIN", "BEAM"):
             raise k.error(f"*MPC {kind}: wanted TIE, PIN or BEAM; write *EQUATION for others", line)
-        first, second = (
+        followers, masters = (
             setnames.members(draft, k, draft.mesh.node_sets, word, line) for word in words[1:3]
         )
-        if len(second) not in (1, len(first)):
+        if len(masters) not in (1, len(followers)):
             raise k.error(
-                f"*MPC between {len(first)} and {len(second)} nodes: wanted one node, or as many", line
+                f"*MPC between {len(followers)} and {len(masters)} nodes: wanted one node, or as many", line
             )
         if kind == "BEAM":
-            for master in second[: 1 if len(second) == 1 else None]:
-                own = first if len(second) == 1 else [first[second.index(master)]]
-                draft.rigid.append(Rigid(master, list(own), ALL, line, k.name))
+            for master in masters[: 1 if len(masters) == 1 else None]:
+                nodes = followers if len(masters) == 1 else [followers[masters.index(master)]]
+                draft.rigid.append(Rigid(master, list(nodes), ALL, line, k.name))
             continue
-        pairs = zip(first, second if len(second) > 1 else second * len(first), strict=True)
+        pairs = zip(followers, masters if len(masters) > 1 else masters * len(followers), strict=True)
         draft.equations += [Equation(((a, d, 1.0), (b, d, -1.0))) for a, b in pairs for d in ALL]
 
 
 def rigid_body(draft: Draft, k: Keyword) -> None:
     """*RIGID BODY of elements or nodes with a reference node."""
-    own: list[int] = []
+    nodes: list[int] = []
     if "ELSET" in k.parameters:
         chosen = setnames.known(k, draft.mesh.element_sets, k.text("ELSET"), k.place)
-        own += sorted({n for e in chosen for n in draft.mesh.element(e)[1]})
+        nodes += sorted({n for e in chosen for n in draft.mesh.element(e)[1]})
     for name in ("NSET", "TIE NSET", "PIN NSET"):
         if name in k.parameters:
-            own.extend(setnames.known(k, draft.mesh.node_sets, k.text(name), k.place))
-    if not own:
+            nodes.extend(setnames.known(k, draft.mesh.node_sets, k.text(name), k.place))
+    if not nodes:
         raise k.error("*RIGID BODY: wanted ELSET=, TIE NSET= or PIN NSET= of its elements or nodes")
-    draft.rigid.append(Rigid(_reference(draft, k), own, ALL, k.place, k.name))
+    draft.rigid.append(Rigid(_reference(draft, k), nodes, ALL, k.place, k.name))
 
 
 def _reference(draft: Draft, k: Keyword) -> int:
-    stated = k.text("REF NODE")
-    chosen = setnames.members(draft, k, draft.mesh.node_sets, stated, k.place)
+    word = k.text("REF NODE")
+    chosen = setnames.members(draft, k, draft.mesh.node_sets, word, k.place)
     if len(chosen) != 1:
-        raise k.error(f"*{k.name}, REF NODE={stated}: {len(chosen)} nodes; wanted one")
+        raise k.error(f"*{k.name}, REF NODE={word}: {len(chosen)} nodes; wanted one")
     return chosen[0]
 
 
@@ -102,8 +102,8 @@ def coupling(draft: Draft, k: Keyword) -> None:
     name = setnames.key(draft.mesh.surfaces, k.text("SURFACE"))
     if name is None:
         setnames.known(k, draft.mesh.surfaces, k.text("SURFACE"), k.place)
-    own = draft.mesh.nodes_on(draft.mesh.surfaces[str(name)])
-    draft.coupled = Rigid(_reference(draft, k), own, ALL, k.place, k.name)
+    nodes = draft.mesh.nodes_on(draft.mesh.surfaces[str(name)])
+    draft.coupled = Rigid(_reference(draft, k), nodes, ALL, k.place, k.name)
 
 
 def kinematic(draft: Draft, k: Keyword) -> None:
@@ -118,21 +118,21 @@ def kinematic_coupling(draft: Draft, k: Keyword) -> None:
     """*KINEMATIC COUPLING: nodes or sets, first and last component, of a reference node."""
     reference = _reference(draft, k)
     for line, words in k.data:
-        own = setnames.members(draft, k, draft.mesh.node_sets, words[0], line)
-        joint = Rigid(reference, list(own), ALL, line, k.name)
-        one = Keyword(k.name, {}, [(line, words)], line)
-        draft.rigid.append(joint.only(_components(one, 1)))
+        nodes = setnames.members(draft, k, draft.mesh.node_sets, words[0], line)
+        joint = Rigid(reference, list(nodes), ALL, line, k.name)
+        row = Keyword(k.name, {}, [(line, words)], line)
+        draft.rigid.append(joint.only(_components(row, 1)))
 
 
 def _components(k: Keyword, start: int) -> tuple[int, ...]:
     """The components that data lines name, by default 0, 1, 2."""
-    found: set[int] = set()
+    components: set[int] = set()
     for line, words in k.data:
-        given = [w for w in words[start:] if w]
-        if given:
-            first = k.whole(line, given[0], low=1, high=6)
-            last = k.whole(line, given[1], low=first, high=6) if len(given) > 1 else first
-            found |= set(range(first - 1, last))
-    return tuple(sorted(found & {0, 1, 2})) if found else ALL
+        numbers = [w for w in words[start:] if w]
+        if numbers:
+            low = k.whole(line, numbers[0], low=1, high=6)
+            high = k.whole(line, numbers[1], low=low, high=6) if len(numbers) > 1 else low
+            components |= set(range(low - 1, high))
+    return tuple(sorted(components & {0, 1, 2})) if components else ALL
 
 

@@ -40,7 +40,7 @@ class Rigid:
     keyword: str
 
     def only(self, components: tuple[int, ...]) -> "Rigid":
-        """The same joint in these components."""
+        """This joint in the given components alone."""
         return replace(self, components=components)
 
 
@@ -54,8 +54,8 @@ def resolved(
     """
     supports, equations, stands = list[tuple[list[int], int, float]](), list[Equation](), dict[int, int]()
     for joint in joints:
-        own = held.get(joint.reference, {})
-        if not {3, 4, 5} <= set(own) or any(own[d] for d in (3, 4, 5)):
+        fixed = held.get(joint.reference, {})
+        if not {3, 4, 5} <= set(fixed) or any(fixed[d] for d in (3, 4, 5)):
             raise ValueError(
                 f"{joint.place}: *{joint.keyword}: its reference node {joint.reference} may turn, which is "
                 f"not solved for; hold it by *BOUNDARY with {joint.reference}, 4, 6, or leave "
@@ -64,16 +64,16 @@ def resolved(
         nodes = [n for n in dict.fromkeys(joint.nodes) if n != joint.reference]
         stands.setdefault(joint.reference, nodes[0] if nodes else joint.reference)
         for d in joint.components:
-            if d in own:
-                supports.append((nodes, d, own[d]))
+            if d in fixed:
+                supports.append((nodes, d, fixed[d]))
             else:
-                first = stands[joint.reference]
-                equations += [Equation(((n, d, 1.0), (first, d, -1.0))) for n in nodes if n != first]
+                leader = stands[joint.reference]
+                equations += [Equation(((n, d, 1.0), (leader, d, -1.0))) for n in nodes if n != leader]
     return supports, equations, stands
 
 
 def of_sheets(mesh: MeshDraft, tie: TieDraft) -> set[int]:
-    """The sheets that a tie bonds, none where it ties solids."""
+    """Numbers of the sheet elements in a tie's two surfaces; empty for a tie between solids."""
     return {e for name in (tie.slave, tie.master) for e, _ in mesh.surfaces[name] if e in mesh.sheets}
 
 
@@ -82,10 +82,10 @@ def merged(mesh: MeshDraft, ties: Iterable[TieDraft]) -> dict[int, int]:
     every = np.array(list(mesh.nodes.values()))
     near, same = COINCIDENT * float(np.ptp(every, axis=0).max()), dict[int, int]()
     for tie in ties:
-        first, second = (np.array(mesh.nodes_on(mesh.surfaces[name])) for name in (tie.slave, tie.master))
-        places = [np.array([mesh.nodes[n] for n in own.tolist()]) for own in (first, second)]
-        away, at = (np.asarray(x) for x in cKDTree(places[1]).query(places[0]))
-        for a, b in zip(first[away <= near].tolist(), second[at[away <= near]].tolist(), strict=True):
+        slave, master = (np.array(mesh.nodes_on(mesh.surfaces[name])) for name in (tie.slave, tie.master))
+        places = [np.array([mesh.nodes[n] for n in labels.tolist()]) for labels in (slave, master)]
+        away, index = (np.asarray(x) for x in cKDTree(places[1]).query(places[0]))
+        for a, b in zip(slave[away <= near].tolist(), master[index[away <= near]].tolist(), strict=True):
             a, b = _last(same, a), _last(same, b)
             if a != b:
                 same[a] = b
@@ -99,7 +99,7 @@ def _last(same: Mapping[int, int], label: int) -> int:
 
 
 def with_one_node(mesh: MeshDraft, same: Mapping[int, int]) -> None:
-    """Put a mesh's nodes that are one in the place of each other."""
+    """Replace merged nodes {slave: master} in the elements and sets of a mesh."""
     for elements in (mesh.elements, mesh.sheets):
         for e, (kind, row) in elements.items():
             if not same.keys().isdisjoint(row):
@@ -109,27 +109,27 @@ def with_one_node(mesh: MeshDraft, same: Mapping[int, int]) -> None:
 
 
 def tied(case: Case, ties: Sequence[TieDraft]) -> Case:
-    """A case with those of its ties that coinciding nodes leave, whose slave nodes are put onto the master.
-    ValueError where nothing of a tie is near enough, which nodes do not join already."""
+    """The case with its ties as constraints; slave nodes are moved onto the master's faces. Ties whose nodes
+    all coincide need none. ValueError for a tie without a slave node near enough to the master."""
     for tie in ties:
         faces = case.face_nodes(tie.master)
-        own = np.unique(case.face_nodes(tie.slave))
-        rest = np.setdiff1d(own, faces)
+        surface_nodes = np.unique(case.face_nodes(tie.slave))
+        rest = np.setdiff1d(surface_nodes, faces)
         if not len(rest):
             continue
         corners = case.nodes[faces[:, list(case.element.corners)]]
         size = float(np.linalg.norm(np.ptp(corners, axis=1), axis=1).mean())
         reach = NEAR * size if tie.tolerance is None else tie.tolerance
-        whole = Tie(tie.slave, tie.master, reach)
-        found, _, _, places = slaves(case, whole)
-        if not len(found):
-            if len(rest) < len(own):
+        joint = Tie(tie.slave, tie.master, reach)
+        followers, _, _, places = slaves(case, joint)
+        if not len(followers):
+            if len(rest) < len(surface_nodes):
                 continue
             raise ValueError(
                 f"{tie.place}: *TIE of {tie.slave} to {tie.master}: no slave node lies within {reach:.3g} of "
                 "the master; wanted surfaces that touch; state POSITION TOLERANCE, or move the part"
             )
         nodes = case.nodes.copy()
-        nodes[found] = places
-        case = replace(case, nodes=nodes, ties=(*case.ties, whole))
+        nodes[followers] = places
+        case = replace(case, nodes=nodes, ties=(*case.ties, joint))
     return case

@@ -1,4 +1,4 @@
-"""The keywords of an Abaqus input deck, each with its parameters, its data lines and where it stands."""
+"""Keywords of an Abaqus input deck, with parameters, data lines and their place in the file."""
 
 import math
 import os
@@ -33,18 +33,18 @@ class Keyword:
     place: Place
 
     def error(self, what: str, place: Place | None = None) -> ValueError:
-        """An error at the keyword, or at one of its data lines."""
+        """A ValueError that names the keyword's line, or the line of its data at `place`."""
         return ValueError(f"{place or self.place}: {what}")
 
     def numbers(self, place: Place, words: list[str]) -> list[float]:
-        """The words as finite numbers, an empty one as 0."""
+        """The words as finite numbers; an empty word is 0."""
         try:
-            found = [float(w.lower().replace("d", "e")) if w else 0.0 for w in words]
+            values = [float(w.lower().replace("d", "e")) if w else 0.0 for w in words]
         except ValueError:
             raise self.error(f"{_shown(words)}: wanted numbers", place) from None
-        if not all(map(math.isfinite, found)):
+        if not all(map(math.isfinite, values)):
             raise self.error(f"{_shown(words)}: wanted finite numbers", place)
-        return found
+        return values
 
     def whole(self, place: Place, word: str, *, low: int = -LARGEST, high: int = LARGEST) -> int:
         """A word as a whole number from low to high."""
@@ -54,23 +54,23 @@ class Keyword:
         self, place: Place, words: list[str], *, low: int = -LARGEST, high: int = LARGEST
     ) -> list[int]:
         """The words as whole numbers from low to high, such as labels: 1 to LARGEST."""
-        found = self.numbers(place, words)
-        for word, x in zip(words, found, strict=True):
+        values = self.numbers(place, words)
+        for word, x in zip(words, values, strict=True):
             if not x.is_integer() or not low <= x <= high:
                 raise self.error(f"{_shown([word])}: wanted a whole number, {low} to {high}", place)
-        return [int(x) for x in found]
+        return [int(x) for x in values]
 
     def text(self, parameter: str) -> str:
-        """A parameter that must be there."""
+        """Value of a parameter. ValueError without it."""
         if not self.parameters.get(parameter):
             raise self.error(f"*{self.name} without {parameter}: wanted *{self.name}, {parameter}=...")
         return self.parameters[parameter]
 
     def only(self, *allowed: str) -> None:
-        """ValueError for a parameter that is not one of `allowed`."""
-        other = sorted(set(self.parameters) - set(allowed))
-        if other:
-            raise self.error(f"*{self.name}, {other[0]}: not supported; wanted *{self.name} without it")
+        """ValueError for a parameter that is not among `allowed`."""
+        unsupported = sorted(set(self.parameters) - set(allowed))
+        if unsupported:
+            raise self.error(f"*{self.name}, {unsupported[0]}: not supported; wanted *{self.name} without it")
 
 
 def _shown(words: list[str]) -> str:
@@ -80,8 +80,8 @@ def _shown(words: list[str]) -> str:
 
 @dataclass(frozen=True)
 class DeckText:
-    """What a deck says: its keywords in order, all files that were read, the deck itself first, and the units
-    that a comment such as `** units: mm, N, s` declares, with its place."""
+    """Keywords of a deck in order, all files read (the deck first), and the units declared by a comment such
+    as `** units: mm, N, s`, with its line."""
 
     keywords: tuple[Keyword, ...]
     files: tuple[Path, ...]
@@ -89,11 +89,11 @@ class DeckText:
 
 
 def read_keywords(path: Path) -> DeckText:
-    """The keywords of a deck in order; comments and empty lines are left out, continued lines joined.
+    """Keywords of a deck in order; comments and empty lines are left out, continued lines joined.
 
-    *INCLUDE, and INPUT= of any keyword, read another file, named from the deck's folder; <name> stands for
-    the value that *PARAMETER gives it above. ValueError where a file is not there, lies outside that folder,
-    includes itself, or where files are too many or too deep in each other, or a parameter has no value.
+    *INCLUDE, and INPUT= of any keyword, read another file, relative to the deck's folder; <name> stands for
+    the value that *PARAMETER gives it above. ValueError for a file that does not exist, lies outside that
+    folder or includes itself, for too many or too deeply nested files, and for a parameter without a value.
     """
     reading = _Reading(path)
     return DeckText(tuple(_keywords(reading)), tuple(reading.files), reading.units)
@@ -127,12 +127,12 @@ class _Reading:
     def filled(self, place: Place, text: str) -> str:
         """A line with the values of its parameters in the place of their names."""
 
-        def value(found: re.Match[str]) -> str:
-            if found[1].lower() not in self.parameters:
+        def value(match: re.Match[str]) -> str:
+            if match[1].lower() not in self.parameters:
                 raise ValueError(
-                    f"{place}: <{found[1]}>: no such parameter; define it above, under *PARAMETER"
+                    f"{place}: <{match[1]}>: no such parameter; define it above, under *PARAMETER"
                 )
-            return str(self.parameters[found[1].lower()])
+            return str(self.parameters[match[1].lower()])
 
         return re.sub(r"<\s*(\w+)\s*>", value, text) if "<" in text else text
 
@@ -153,12 +153,12 @@ class _Reading:
         return file.read_text(encoding="utf-8-sig", errors="replace")
 
     def other(self, keyword: Keyword) -> Path:
-        """The file that a keyword names, from the deck's folder. ValueError where it is not there or "
-        "outside."""
-        stated, root = keyword.text("INPUT").strip(' "'), self.deck.parent
-        name = stated.replace("\\", "/")  # as a deck written on Windows has it
+        """Path of the file that a keyword includes, relative to the deck's folder. ValueError where the file
+        does not exist or lies outside that folder."""
+        parameter, root = keyword.text("INPUT").strip(' "'), self.deck.parent
+        name = parameter.replace("\\", "/")  # as a deck written on Windows has it
         file = root / os.path.normpath(name)
-        what = f"*{keyword.name}, INPUT={stated}:"
+        what = f"*{keyword.name}, INPUT={parameter}:"
         if os.path.isabs(name) or "\0" in name or not file.resolve().is_relative_to(root.resolve()):
             raise keyword.error(f"{what} not in the folder of {self.deck.name}: wanted a file there or "
                                 "below; copy it there")  # fmt: skip
@@ -189,7 +189,7 @@ def _keywords(reading: _Reading) -> Iterator[Keyword]:
         open_, head = _keyword("".join(head), start), []
         if "INPUT" in open_.parameters:
             lines = _lines(reading, reading.other(open_), (reading.deck,), open_)
-            open_.data.extend((at, _words(reading.filled(at, line))) for at, line in lines)
+            open_.data.extend((at_line, _words(reading.filled(at_line, line))) for at_line, line in lines)
             del open_.parameters["INPUT"]
     if open_ is not None:
         yield open_
@@ -206,12 +206,13 @@ def _keyword(head: str, start: Place) -> Keyword:
 def _lines(
     reading: _Reading, path: Path, within: tuple[Path, ...], keyword: Keyword | None
 ) -> Iterator[tuple[Place, str]]:
-    """The lines that say something, each *INCLUDE replaced by those of its file."""
+    """Lines of a file without comments and blank lines; the lines of an included file take the place of its
+    *INCLUDE."""
     for number, raw in enumerate(reading.text(path, keyword, len(within)).splitlines(), start=1):
         text, place = raw.strip(), Place(path, number)
         if not text or text.startswith("**"):
-            if found := UNITS.match(text):
-                reading.units = place, found[1].strip()
+            if match := UNITS.match(text):
+                reading.units = place, match[1].strip()
             continue
         included = _keyword(text, place) if text[:40].upper().lstrip("* ").startswith("INCLUDE") else None
         if included is None or included.name != "INCLUDE" or not text.startswith("*"):
@@ -224,7 +225,11 @@ def _lines(
 
 
 def _words(text: str) -> list[str]:
-    """The parts between commas, but for those in quotation marks; a mark that is not closed is a letter."""
+    """Comma-separated words of a line; commas in quotation marks do not separate.
+
+    >>> _words('*NSET, NSET="A, B", GENERATE')
+    ['*NSET', 'NSET="A, B"', 'GENERATE']
+    """
     if '"' not in text:
         return [w.strip() for w in text.split(",")]
     parts = text.split('"')
@@ -233,7 +238,7 @@ def _words(text: str) -> list[str]:
         if k % 2 and k < len(parts) - 1:
             words[-1].append(f'"{part}"')
             continue
-        first, *rest = (f'"{part}' if k % 2 else part).split(",")
-        words[-1].append(first)
+        head, *rest = (f'"{part}' if k % 2 else part).split(",")
+        words[-1].append(head)
         words += [[w] for w in rest]
     return ["".join(w).strip() for w in words]

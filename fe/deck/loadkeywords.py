@@ -33,12 +33,12 @@ def boundary(draft: Draft, k: Keyword) -> None:
             draft.supports += [(where, d, 0.0) for d in NAMED[words[1].upper()]]
             draft.turning += [(where, d, 0.0) for d in TURNING.get(words[1].upper(), ())]
             continue
-        first = k.whole(line, words[1], low=1, high=6)
-        last = k.whole(line, words[2], low=first, high=6) if len(words) > 2 and words[2] else first
+        low = k.whole(line, words[1], low=1, high=6)
+        high = k.whole(line, words[2], low=low, high=6) if len(words) > 2 and words[2] else low
         value = k.numbers(line, words[3:4])[0] if len(words) > 3 else 0.0
         value = followed(draft, k, value) if value else value
-        draft.supports += [(where, d - 1, value) for d in range(first, last + 1) if d <= 3]
-        draft.turning += [(where, d - 1, value) for d in range(first, last + 1) if d > 3]
+        draft.supports += [(where, d - 1, value) for d in range(low, high + 1) if d <= 3]
+        draft.turning += [(where, d - 1, value) for d in range(low, high + 1) if d > 3]
 
 
 def step(draft: Draft, k: Keyword) -> None:
@@ -53,23 +53,23 @@ def amplitude(draft: Draft, k: Keyword) -> None:
     if k.parameters.get("DEFINITION", "TABULAR").upper() not in ("TABULAR", "SMOOTH STEP"):
         raise k.error(f"*AMPLITUDE, DEFINITION={k.parameters['DEFINITION']}: wanted a table of times, values")
     table = [v for line, words in k.data for v in k.numbers(line, words)]
-    found = max(table[1::2], key=abs, default=0.0)
-    if not found:
+    peak = max(table[1::2], key=abs, default=0.0)
+    if not peak:
         raise k.error("*AMPLITUDE of nothing but 0: wanted times and values, such as 0., 0., 1., 1.")
     absolute = k.parameters.get("VALUE", "RELATIVE").upper().startswith("ABS")
-    draft.amplitudes[small(k.text("NAME"))] = found, absolute
-    draft.tables[small(k.text("NAME"))] = tuple(v / found if n % 2 else v for n, v in enumerate(table))
+    draft.amplitudes[small(k.text("NAME"))] = peak, absolute
+    draft.tables[small(k.text("NAME"))] = tuple(v / peak if n % 2 else v for n, v in enumerate(table))
 
 
 def followed(draft: Draft, k: Keyword, value: float) -> float:
-    """A load that may follow an amplitude, at the largest value of that."""
-    stated = k.parameters.get("AMPLITUDE", "")
-    if not stated:
+    """Value of a load that may follow an amplitude, at the amplitude's peak."""
+    amplitude = k.parameters.get("AMPLITUDE", "")
+    if not amplitude:
         return value
-    if small(stated) not in draft.amplitudes:
-        raise k.error(f"*{k.name}, AMPLITUDE={stated}: not defined above; wanted *AMPLITUDE before it")
-    factor, absolute = draft.amplitudes[small(stated)]
-    draft.remark(f"*{k.name} follows the amplitude {stated}: it is read at its largest value, {factor:g}.")
+    if small(amplitude) not in draft.amplitudes:
+        raise k.error(f"*{k.name}, AMPLITUDE={amplitude}: not defined above; wanted *AMPLITUDE before it")
+    factor, absolute = draft.amplitudes[small(amplitude)]
+    draft.remark(f"*{k.name} follows the amplitude {amplitude}: it is read at its largest value, {factor:g}.")
     return factor if absolute else factor * value
 
 
@@ -121,7 +121,8 @@ def _note_pressure(draft: Draft, k: Keyword, name: str, value: float) -> None:
 
 
 def settle(draft: Draft) -> None:
-    """The pressure of every step, and what of it each surface carries, once all steps are read."""
+    """Complete the draft's loads after the last step: the pressure of every step, and the share of each
+    surface."""
     for k, loads in draft.pressed.values():
         top = max(loads.values(), key=abs)
         draft.pressures.append(top)
@@ -133,8 +134,8 @@ def settle(draft: Draft) -> None:
     if not set(draft.shares.values()) - {1.0}:
         draft.shares = {}
     if draft.shares:
-        stated = ", ".join(f"{share:.4g} on {name}" for name, share in draft.shares.items())
-        draft.remark(f"Surfaces carry shares of one pressure, which the log gives: {stated}.")
+        listed = ", ".join(f"{share:.4g} on {name}" for name, share in draft.shares.items())
+        draft.remark(f"Surfaces carry shares of one pressure, which the log gives: {listed}.")
     if len(set(draft.courses.values())) > 1:
         draft.remark(
             f"{' and '.join(draft.courses)} are not filled at one time in the deck: in the model their "

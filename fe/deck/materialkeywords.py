@@ -56,11 +56,11 @@ def viscoelastic(draft: Draft, k: Keyword) -> None:
         if bulk:
             draft.remark(f"{draft.material} relaxes in shear alone: k of *VISCOELASTIC is left out.")
         terms.append((g, tau))
-    left = 1 - sum(g for g, _ in terms)
-    if left <= 0:
-        raise k.error(f"*VISCOELASTIC: the g add up to {1 - left:g}; wanted less than 1")
+    long_term = 1 - sum(g for g, _ in terms)
+    if long_term <= 0:
+        raise k.error(f"*VISCOELASTIC: the g add up to {1 - long_term:g}; wanted less than 1")
     if not draft.instantaneous.get(draft.material):
-        law = replace(law.stiffened(1 / left), bulk_ratio=law.bulk_ratio * left)
+        law = replace(law.stiffened(1 / long_term), bulk_ratio=law.bulk_ratio * long_term)
     draft.materials[draft.material] = replace(law, prony=tuple(terms))
 
 

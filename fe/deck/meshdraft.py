@@ -1,4 +1,4 @@
-"""The mesh that a deck, or one of its parts, said so far, by labels and names."""
+"""The mesh of a deck, or of a part, while it is read, by labels and names; mixed shapes as tetrahedra."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -24,9 +24,9 @@ class SheetSection:
 
 @dataclass
 class MeshDraft:
-    """Nodes, elements (type, nodes), sets and sections of a deck or of one of its parts, by labels and names
-    in small letters; sheets: shells and membranes; inherited: the names that came with an instance, and with
-    which."""
+    """Mesh of a deck or a part: nodes, elements (type, nodes), sets and sections by labels and names in small
+    letters. sheets: shells and membranes. inherited: names that came with an instance, and the instance's
+    name."""
 
     nodes: dict[int, Array] = field(default_factory=dict)
     elements: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
@@ -40,9 +40,9 @@ class MeshDraft:
 
     def element(self, number: int) -> tuple[str, list[int]]:
         """The type and the nodes of a solid or a sheet. ValueError where there is none of that number."""
-        for own in (self.sheets, self.elements):
-            if number in own:
-                return own[number]
+        for elements in (self.sheets, self.elements):
+            if number in elements:
+                return elements[number]
         raise ValueError(f"element {number} is used but not defined; define it or leave it out")
 
     def nodes_on(self, faces: Faces) -> list[int]:
@@ -59,14 +59,19 @@ class MeshDraft:
         return list(out)
 
 
-def rows(file: str, known: Integers, wanted: list[int] | Integers, what: str) -> Integers:
-    """The rows of labels among those known, in order. ValueError names one that is not there."""
-    found = np.asarray(wanted, np.int64)
-    at = np.minimum(np.searchsorted(known, found), len(known) - 1)
-    missing = found[known[at] != found]
+def rows(file: str, defined: Integers, used: list[int] | Integers, what: str) -> Integers:
+    """Rows of the labels `used` among the sorted labels `defined`. ValueError names a label that is not
+    defined.
+
+    >>> rows("plate.inp", np.array([1, 4, 9]), [9, 1], "node")
+    array([2, 0])
+    """
+    labels = np.asarray(used, np.int64)
+    index = np.minimum(np.searchsorted(defined, labels), len(defined) - 1)
+    missing = labels[defined[index] != labels]
     if len(missing):
         raise ValueError(f"{file}: {what} {missing[0]} is used but not defined; define it or leave it out")
-    return at
+    return index
 
 
 def in_tetrahedra(mesh: MeshDraft, file: str, remark: Callable[[str], None]) -> tuple[MeshDraft, Integers]:
@@ -80,20 +85,20 @@ def in_tetrahedra(mesh: MeshDraft, file: str, remark: Callable[[str], None]) -> 
             raise ValueError(
                 f"{file}: element {e} has a node more than once; mesh that place with other elements"
             )
-    found = divided([(read_as(mesh.elements[e][0]), mesh.elements[e][1]) for e in numbers], mesh.nodes)
+    division = divided([(read_as(mesh.elements[e][0]), mesh.elements[e][1]) for e in numbers], mesh.nodes)
     kinds = sorted({kind for kind, _ in mesh.elements.values()})
-    count = len(found.parents)
+    count = len(division.parents)
     remark(f"Elements {', '.join(kinds)} become {count} quadratic tetrahedra on the same nodes.")
     parts: dict[int, list[int]] = {e: [] for e in numbers}
-    for t, parent in enumerate(found.parents.tolist(), start=1):
+    for t, parent in enumerate(division.parents.tolist(), start=1):
         parts[numbers[parent]].append(t)
     on: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for e, f, t, g in found.faces.tolist():
+    for e, f, t, g in division.faces.tolist():
         on.setdefault((numbers[e], f), []).append((t + 1, g))
     sets = {name: list(s) for name, s in mesh.node_sets.items()}
     for members in sets.values():
-        own = set(members)
-        members += [label for label, (_, corners) in found.made.items() if own.issuperset(corners)]
+        member_set = set(members)
+        members += [label for label, (_, corners) in division.made.items() if member_set.issuperset(corners)]
     surfaces = {}
     for name, faces in mesh.surfaces.items():
         if any(e in mesh.sheets for e, _ in faces):
@@ -103,8 +108,8 @@ def in_tetrahedra(mesh: MeshDraft, file: str, remark: Callable[[str], None]) -> 
             raise ValueError(f"{file}: surface {name!r}: element {absent[0]} has no face {absent[1] + 1}")
         surfaces[name] = [part for face in faces for part in on[face]]
     changed = MeshDraft(
-        nodes=mesh.nodes | {label: place for label, (place, _) in found.made.items()},
-        elements={t: (TETRAHEDRA, row) for t, row in enumerate(found.connectivity.tolist(), start=1)},
+        nodes=mesh.nodes | {label: place for label, (place, _) in division.made.items()},
+        elements={t: (TETRAHEDRA, row) for t, row in enumerate(division.connectivity.tolist(), start=1)},
         node_sets=sets,
         element_sets={
             name: [t for e in s if e not in mesh.sheets for t in parts.get(e, [-e])]
@@ -113,4 +118,4 @@ def in_tetrahedra(mesh: MeshDraft, file: str, remark: Callable[[str], None]) -> 
         surfaces=surfaces,
         sections=mesh.sections,
     )
-    return changed, np.array([numbers[p] for p in found.parents.tolist()], np.int64)
+    return changed, np.array([numbers[p] for p in division.parents.tolist()], np.int64)

@@ -20,8 +20,8 @@ def nodes(draft: Draft, k: Keyword) -> None:
     k.only("NSET")
     added: list[int] = []
     for line, words in k.data:
-        _, *given = k.numbers(line, words[:4])
-        label, x = k.whole(line, words[0], low=1), np.array([*given, 0.0, 0.0, 0.0][:3])
+        _, *coordinates = k.numbers(line, words[:4])
+        label, x = k.whole(line, words[0], low=1), np.array([*coordinates, 0.0, 0.0, 0.0][:3])
         place_node(draft, k, line, label, x)
         added.append(label)
     if "NSET" in k.parameters:
@@ -30,12 +30,12 @@ def nodes(draft: Draft, k: Keyword) -> None:
 
 def place_node(draft: Draft, k: Keyword, line: Place, label: int, x: np.ndarray) -> None:
     """A node at a place (3,). ValueError where it is elsewhere already, or too far."""
-    own = draft.here.nodes
+    places = draft.here.nodes
     if np.abs(x).max() * draft.units.length > FARTHEST:
         raise k.error(f"node {label} lies farther than {FARTHEST:g} from the origin: wanted mm", line)
-    if label in own and not np.array_equal(x, own[label]):
+    if label in places and not np.array_equal(x, places[label]):
         raise k.error(f"node {label} is defined twice, at different places: wanted it once", line)
-    own[label] = x
+    places[label] = x
 
 
 def join(members: list[int], more: Iterable[int]) -> None:
@@ -69,8 +69,8 @@ def elements(draft: Draft, k: Keyword) -> None:
 def put_element(draft: Draft, k: Keyword, line: Place, number: int, element: tuple[str, list[int]]) -> None:
     """An element of that number. ValueError where there is another."""
     mesh = draft.here
-    own, other = (mesh.sheets, mesh.elements) if element[0] in SHEETS else (mesh.elements, mesh.sheets)
-    if number in other or own.setdefault(number, element) != element:
+    same_kind, others = (mesh.sheets, mesh.elements) if element[0] in SHEETS else (mesh.elements, mesh.sheets)
+    if number in others or same_kind.setdefault(number, element) != element:
         raise k.error(f"element {number} is defined twice, with other nodes: wanted it once", line)
 
 
@@ -78,31 +78,31 @@ def reader_of_sets(sets: str, parameter: str) -> Callable[[Draft, Keyword], None
     """The reader of *NSET or *ELSET, whose sets are the attribute `sets` of a mesh."""
 
     def read(draft: Draft, k: Keyword) -> None:
-        own: list[int] = setnames.opened(draft, sets, k.text(parameter), [])
+        target: list[int] = setnames.opened(draft, sets, k.text(parameter), [])
         instance = small(k.parameters.get("INSTANCE", ""))
-        known, members = getattr(draft.here, sets), dict.fromkeys(own)
+        defined, members = getattr(draft.here, sets), dict.fromkeys(target)
         for line, words in k.data:
-            given = [w for w in words if w]
+            named = [w for w in words if w]
             if "GENERATE" in k.parameters:
                 more = draft.numbered.get(instance, 0)
-                members |= dict.fromkeys(n + more for n in _generated(k, line, given))
+                members |= dict.fromkeys(n + more for n in _generated(k, line, named))
                 continue
-            for word in given:
-                members |= dict.fromkeys(setnames.members(draft, k, known, word, line, instance))
+            for word in named:
+                members |= dict.fromkeys(setnames.members(draft, k, defined, word, line, instance))
         if parameter == "NSET" and "ELSET" in k.parameters:
             chosen = setnames.known(k, draft.here.element_sets, k.text("ELSET"), k.place)
             members |= dict.fromkeys(sorted({n for e in chosen for n in draft.here.element(e)[1]}))
-        own[:] = members
+        target[:] = members
 
     return read
 
 
 def _generated(k: Keyword, line: Place, words: list[str]) -> range:
-    first, last, step = k.wholes(line, [*words, "1"][:3], low=1)
-    members = range(first, last + 1, step)
+    low, high, step = k.wholes(line, [*words, "1"][:3], low=1)
+    members = range(low, high + 1, step)
     if not 0 < len(members) <= MOST_MEMBERS:
         raise k.error(
-            f"{first}, {last}, {step}: wanted first <= last and at most {MOST_MEMBERS} members", line
+            f"{low}, {high}, {step}: wanted first <= last and at most {MOST_MEMBERS} members", line
         )
     return members
 
@@ -111,19 +111,19 @@ def surface(draft: Draft, k: Keyword) -> None:
     """*SURFACE of faces of elements; of shells SPOS and SNEG, face -1."""
     if k.parameters.get("TYPE", "ELEMENT").upper() != "ELEMENT":
         raise k.error(f"*SURFACE of type {k.parameters['TYPE']}: wanted TYPE=ELEMENT with faces S1, S2 ..")
-    own: list[tuple[int, int]] = setnames.opened(draft, "surfaces", k.text("NAME"), [])
-    instance, faces = small(k.parameters.get("INSTANCE", "")), dict.fromkeys(own)
+    target: list[tuple[int, int]] = setnames.opened(draft, "surfaces", k.text("NAME"), [])
+    instance, faces = small(k.parameters.get("INSTANCE", "")), dict.fromkeys(target)
     for line, words in k.data:
         side = words[1].upper() if len(words) > 1 else ""
         number = -1 if side in ("SPOS", "SNEG") else face(k, line, side, "S")
         chosen = setnames.members(draft, k, draft.here.element_sets, words[0], line, instance)
         faces |= dict.fromkeys((e, number) for e in chosen)
-    own[:] = faces
+    target[:] = faces
 
 
 def face(k: Keyword, line: Place, word: str, letter: str) -> int:
     """The number of a face, from 0."""
-    found = re.fullmatch(f"{letter}([1-6])", word.upper())
-    if not found:
+    match = re.fullmatch(f"{letter}([1-6])", word.upper())
+    if not match:
         raise k.error(f"face {word[:20] or 'absent'}: wanted {letter}1, {letter}2 .. {letter}6", line)
-    return int(found[1]) - 1
+    return int(match[1]) - 1

@@ -1,4 +1,4 @@
-"""The case and the pressure of an Abaqus input deck. What is not understood is named with its line."""
+"""Case and pressure of an Abaqus input deck. Unsupported keywords are refused with line and remedy."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -144,16 +144,16 @@ REMEDIES = {
 
 
 def refused(unknown: Iterable[Keyword], deck: Path, readers: Iterable[str]) -> ValueError:
-    """The error that names keywords with their lines, and what to do about each kind."""
+    """The error that names unsupported keywords with their lines, and a remedy for each kind."""
     named = list(unknown)
     kinds = dict.fromkeys(k.name for k in named)
-    told = [f"*{name}: {REMEDIES[name]}" for name in kinds if name in REMEDIES]
-    if len(told) < len(kinds):
-        others = "the others" if told else "them"
-        told.append(f"remove {others} or express {others} by {', '.join('*' + n for n in readers)}")
+    advice = [f"*{name}: {REMEDIES[name]}" for name in kinds if name in REMEDIES]
+    if len(advice) < len(kinds):
+        others = "the others" if advice else "them"
+        advice.append(f"remove {others} or express {others} by {', '.join('*' + n for n in readers)}")
     return ValueError(
         f"{deck}: not supported: {', '.join(f'*{k.name} ({_where(k, deck)})' for k in named)}; wanted a "
-        f"deck without; {'; '.join(told)}"
+        f"deck without; {'; '.join(advice)}"
     )
 
 

@@ -32,9 +32,9 @@ def layers(
     faces, surfaces, added = _every_face(case), dict(case.surfaces), list[Layer]()
     used = set(case.labels.tolist())
     for k, (name, section) in enumerate(mesh.sheet_sections.items(), start=1):
-        own = [e for e in mesh.element_sets.get(name, ()) if e in mesh.sheets]
-        free = [e for e in own if e not in bonded and not used.issuperset(mesh.sheets[e][1])]
-        if not own:
+        elements = [e for e in mesh.element_sets.get(name, ()) if e in mesh.sheets]
+        free = [e for e in elements if e not in bonded and not used.issuperset(mesh.sheets[e][1])]
+        if not elements:
             raise ValueError(
                 f"{section.place}: {name} has no shells or membranes; wanted some, or no section for it"
             )
@@ -44,7 +44,7 @@ def layers(
                 "bonds to nothing; tie its surface to that of the solid, or give it the solid's nodes"
             )
         modulus, poisson = law(section)
-        corners = [[nodes[n] for n in mesh.sheets[e][1][: CORNERS[len(mesh.sheets[e][1])]]] for e in own]
+        corners = [[nodes[n] for n in mesh.sheets[e][1][: CORNERS[len(mesh.sheets[e][1])]]] for e in elements]
         under, area = _under(case, faces, corners, section.thickness)
         share = area[1] / area[0] - 1
         if abs(share) > COVERED:
@@ -56,8 +56,8 @@ def layers(
         surfaces[surface] = under
         added.append(Layer(surface, section.thickness * modulus, poisson))
         remark(
-            f"The sheet {name} ({len(own)} elements) is read as a layer on {len(under)} faces of the solid. "
-            "Its thickness x modulus counts, its bending stiffness does not."
+            f"The sheet {name} ({len(elements)} elements) is read as a layer on {len(under)} faces of the "
+            "solid. Its thickness x modulus counts, its bending stiffness does not."
         )
     return replace(case, surfaces=surfaces, layers=tuple(added))
 
@@ -66,11 +66,11 @@ CORNERS = {3: 3, 6: 3, 4: 4, 8: 4}  # by the nodes of a sheet's element
 
 
 def _every_face(case: Case) -> Integers:
-    """All faces (f, 2) of a case's elements, one of two that neighbours share."""
+    """All faces (f, 2) of a case's elements; a face shared by two neighbours is listed once."""
     kind = case.element
     corners = np.sort(case.connectivity[:, kind.faces[:, list(kind.corners)]], axis=2)
-    _, first = np.unique(corners.reshape(-1, corners.shape[2]), axis=0, return_index=True)
-    return np.stack(np.divmod(np.sort(first), len(kind.faces)), axis=1).astype(np.int64)
+    _, rows = np.unique(corners.reshape(-1, corners.shape[2]), axis=0, return_index=True)
+    return np.stack(np.divmod(np.sort(rows), len(kind.faces)), axis=1).astype(np.int64)
 
 
 def _under(
@@ -106,8 +106,8 @@ def _area(nodes: Array, faces: Integers) -> float:
 
 
 def _on(three: Array, normal: Array, x: Array, facing: Array, reach: float) -> bool:
-    """Whether a place (3,), of a face with the unit normal `facing`, lies over one of triangles (t, 3, 3)
-    with unit normals (t, 3), within `reach`."""
+    """True if a point x (3,) on a face with unit normal `facing` lies within `reach` of a parallel triangle;
+    triangles (t, 3, 3) with unit normals (t, 3)."""
     height = ((x - three[:, 0]) * normal).sum(axis=1)
     foot = x - height[:, None] * normal
     sides = np.roll(three, -1, axis=1) - three

@@ -1,6 +1,5 @@
-"""Whether the structure of a user's deck can be what was meant: the size of a finger, one body, held, with a
-chamber that is closed. Each fault is one sentence that says what was wanted.
-"""
+"""Checks of a user's mesh: elements with distinct nodes and positive Jacobians; one supported body of a
+plausible size, with a closed chamber. Each fault raises a ValueError that says what was wanted."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,10 +27,10 @@ def check_collapsed(case: Case, numbers: Integers, file: str) -> None:
     bad = np.flatnonzero(same.any(axis=1))
     if not len(bad):
         return
-    first = bad[0]
-    label = case.labels[nodes[first, 1:][same[first]][0]]
+    worst = bad[0]
+    label = case.labels[nodes[worst, 1:][same[worst]][0]]
     raise ValueError(
-        f"{file}: element {numbers[first]} has node {label} more than once: it is collapsed, as are "
+        f"{file}: element {numbers[worst]} has node {label} more than once: it is collapsed, as are "
         f"{len(bad)} of {len(nodes)} elements; wanted {nodes.shape[1]} different nodes; mesh that place with "
         "other elements"
     )
@@ -40,25 +39,25 @@ def check_collapsed(case: Case, numbers: Integers, file: str) -> None:
 def check_turned(case: Case, numbers: Integers, file: str) -> None:
     """ValueError unless the Jacobian is positive at all integration points, and nowhere near -FOLDED of its
     largest at the nodes; numbers (e,) of the elements."""
-    inside, at_nodes = jacobians(case), jacobians(case, at=case.element.local)
+    inside, at_nodes = jacobians(case), jacobians(case, local=case.element.local)
     folded = at_nodes.min(axis=1) < -FOLDED * np.abs(at_nodes).max(axis=1)
     least = np.where(folded, at_nodes.min(axis=1), inside.min(axis=1))
     bad = folded | (least <= 0.0)
     if not bad.any():
         return
-    first = int(np.flatnonzero(bad)[0])
+    worst = int(np.flatnonzero(bad)[0])
     raise ValueError(
-        f"{file}: element {numbers[first]} has a Jacobian of {least[first]:.3g} mm3: it is turned inside "
+        f"{file}: element {numbers[worst]} has a Jacobian of {least[worst]:.3g} mm3: it is turned inside "
         f"out, folded or flat, as are {int(bad.sum())} of {len(bad)} elements; wanted nodes in Abaqus's "
         "order, and no node beyond its neighbours; mend the mesh"
     )
 
 
-def jacobians(case: Case, *, at: Array | None = None) -> Array:
-    """The Jacobian (e, q) mm3 of every element at points (q, 3) of its own coordinates, by default at its
-    integration points."""
+def jacobians(case: Case, *, local: Array | None = None) -> Array:
+    """Jacobian determinants (e, q) mm3 of all elements at local points (q, 3), by default the integration
+    points."""
     X = case.nodes[case.connectivity]
-    dN = (case.element.at_points if at is None else case.element.shape(at))[1]
+    dN = (case.element.at_points if local is None else case.element.shape(local))[1]
     return np.asarray(np.linalg.det(np.einsum("eai,qaJ->eqiJ", X, dN, optimize=True)))
 
 
@@ -101,7 +100,8 @@ def _check_places(case: Case, file: str) -> None:
 
 
 def _check_held(case: Case, file: str) -> None:
-    """Every part of the mesh must be held against all six rigid motions, and not all of it."""
+    """ValueError unless supports hold every part of the mesh against all six rigid motions, and leave some
+    node free."""
     if case.supported.all():
         raise ValueError(
             f"{file}: all {len(case.nodes)} nodes are held, so nothing can move; wanted *BOUNDARY on the "
@@ -110,8 +110,8 @@ def _check_held(case: Case, file: str) -> None:
     n, cells = len(case.nodes), case.connectivity
     rows = np.repeat(np.arange(len(cells)), cells.shape[1])
     follower, leader = _followers(case)
-    one, other = np.append(cells[rows, 0], follower), np.append(cells.ravel(), leader)
-    graph = sp.coo_matrix((np.ones(len(one)), (one, other)), shape=(n, n))
+    start, end = np.append(cells[rows, 0], follower), np.append(cells.ravel(), leader)
+    graph = sp.coo_matrix((np.ones(len(start)), (start, end)), shape=(n, n))
     count, part = connected_components(graph, directed=False)
     for k in range(count):
         free = _free_motion(case, np.flatnonzero(part == k))
@@ -127,7 +127,7 @@ def _check_held(case: Case, file: str) -> None:
 
 
 def _followers(case: Case) -> tuple[Integers, Integers]:
-    """Pairs of nodes (k,), (k,) of which the first follows the second."""
+    """Pairs of node rows (k,), (k,): a dependent node, and a node on which it depends."""
     tied = dependence(case)
     if tied is None:
         return np.empty(0, np.int64), np.empty(0, np.int64)

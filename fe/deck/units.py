@@ -1,4 +1,4 @@
-"""The units of a deck, which a comment may declare: `** units: m, N, s`; else mm, N, MPa, s."""
+"""Units of a deck, by default mm, N, MPa, s; a comment may declare others: `** units: m, N, s`."""
 
 from dataclasses import dataclass, replace
 
@@ -15,7 +15,11 @@ SAME = 1e-6
 
 @dataclass(frozen=True)
 class Units:
-    """What the deck's unit of length is in mm, and that of stress in MPa; times are in s."""
+    """Units of a deck: length in mm, stress in MPa; times are in s.
+
+    >>> Units(length=1000.0, stress=1e-6).force  # m and Pa: the force is in N
+    1.0
+    """
 
     length: float = 1.0
     stress: float = 1.0
@@ -31,7 +35,7 @@ class Units:
         return self.stress * self.length**2
 
     def applied(self, case: Case) -> Case:
-        """A case whose numbers are in these units, in mm, N, MPa."""
+        """A case in these units, converted into mm, N, MPa."""
         if self == Units():
             return case
         materials = {
@@ -50,31 +54,31 @@ class Units:
         )  # fmt: skip
 
 
-def declared(said: tuple[Place, str] | None) -> tuple[Units, str]:
-    """The units that a comment declares, by default mm, N, MPa, and a sentence where it is not understood.
-    ValueError for what is no unit beside others, or does not go together."""
-    if said is None:
+def declared(comment: tuple[Place, str] | None) -> tuple[Units, str]:
+    """Units declared by a comment, by default mm, N, MPa; and a remark where the comment is not understood.
+    ValueError for an unknown unit beside known ones, and for contradicting units."""
+    if comment is None:
         return Units(), ""
-    place, text = said
-    stated: dict[str, float] = {}
+    place, text = comment
+    scales: dict[str, float] = {}
     words = [w.strip() for w in text.replace(";", ",").split(",")]
     if not any(w.lower() in units for w in words for units in KNOWN.values()):
         return Units(), f"The comment on units, {text}, is not understood: mm, N, MPa and s are taken."
     for word in words:
         kind = next((k for k, units in KNOWN.items() if word.lower() in units), None)
-        if kind is None or kind in stated:
+        if kind is None or kind in scales:
             raise ValueError(
                 f"{place}: units {text}: wanted one length, force or stress, mass and time of "
                 f"{', '.join(name for units in KNOWN.values() for name in units)}, as in ** units: mm, N, s"
             )
-        stated[kind] = KNOWN[kind][word.lower()]
-    length = stated.get("length", 1.0)
-    stress = stated.get("stress", stated.get("force", 1.0) / length**2)
-    found = Units(length, stress)
-    for kind, own in (("force", found.force), ("mass", found.force / length)):
-        if kind in stated and abs(stated[kind] - own) > SAME * own:
+        scales[kind] = KNOWN[kind][word.lower()]
+    length = scales.get("length", 1.0)
+    stress = scales.get("stress", scales.get("force", 1.0) / length**2)
+    units = Units(length, stress)
+    for kind, derived in (("force", units.force), ("mass", units.force / length)):
+        if kind in scales and abs(scales[kind] - derived) > SAME * derived:
             raise ValueError(
                 f"{place}: units {text}: the {kind} does not go with the others, for which it would be "
-                f"{own:.4g} {'N' if kind == 'force' else 'tonne'}; leave it out or correct it"
+                f"{derived:.4g} {'N' if kind == 'force' else 'tonne'}; leave it out or correct it"
             )
-    return found, ""
+    return units, ""

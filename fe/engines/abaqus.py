@@ -62,11 +62,11 @@ class Abaqus:
         return job, [self.executable, "python", "extract.py", "job.odb", str(steps), "job.csv"]
 
     def release(self) -> str:
-        """What the program says of its version. FileNotFoundError where Abaqus is not installed."""
+        """Abaqus's version line. FileNotFoundError where Abaqus is not installed."""
         command = [self._program(), "information=release"]
-        told = subprocess.run(command, capture_output=True, text=True).stdout.splitlines()
-        said = (" ".join(line.split()) for line in told)
-        return next((line for line in said if re.search(r"Abaqus\b.*(\d{4}|\d\.\d)", line)), "Abaqus")
+        output = subprocess.run(command, capture_output=True, text=True).stdout.splitlines()
+        lines = (" ".join(line.split()) for line in output)
+        return next((line for line in lines if re.search(r"Abaqus\b.*(\d{4}|\d\.\d)", line)), "Abaqus")
 
     def _program(self) -> str:
         return program(
@@ -76,11 +76,11 @@ class Abaqus:
     def solve(
         self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0
     ) -> EngineResult:
-        """The response of a case to a follower pressure in MPa and a gravity (3,) mm/s2. FileNotFoundError
-        where Abaqus is not installed; never raises for lack of convergence.
+        """Response of a case to a follower pressure in MPa and a gravity (3,) mm/s2. FileNotFoundError where
+        Abaqus is not installed; never raises for lack of convergence.
 
-        levels: at how many pressures at least the course is wanted, the weight being put on before; 0: all
-        loads grow together.
+        levels: least number of pressures with output; the weight is then applied in a step before. 0: output
+        at the end, all loads grow together.
         """
         return self.run(self.deck(case, pressure, gravity=gravity, levels=levels))
 
@@ -89,13 +89,13 @@ class Abaqus:
         return deck(case, pressure, kind=self.kind, gravity=gravity, levels=levels)
 
     def unfit(self, case: Case) -> str:
-        """Nothing: it has hybrid elements of every shape."""
+        """Always "": Abaqus has hybrid elements of every shape."""
         return ""
 
     def run(self, text: str, *, folder: Path | None = None) -> EngineResult:
-        """The response of a deck, the course being that of its last step. FileNotFoundError where Abaqus is
-        not installed; never raises for lack of convergence. folder: where its files stay."""
-        found = self._program()
+        """Response of a deck over its last step. FileNotFoundError where Abaqus is not installed; never
+        raises for lack of convergence. folder: the job's folder, by default temporary."""
+        executable = self._program()
         with tempfile.TemporaryDirectory() as scratch:
             folder = folder or self.folder or Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
@@ -105,12 +105,12 @@ class Abaqus:
                 (folder / name).unlink(missing_ok=True)  # of an earlier run
             start, failed, log = time.perf_counter(), "", ""
             for command in self.commands(steps_of(text)):
-                done = subprocess.run([found, *command[1:]], cwd=folder, capture_output=True, text=True)
+                done = subprocess.run([executable, *command[1:]], cwd=folder, capture_output=True, text=True)
                 log += f"$ {' '.join(command)}\n{done.stdout}{done.stderr}\n"
                 (folder / "job.log").write_text(log, encoding="utf-8")
                 if done.returncode != 0:
-                    told = (done.stderr or done.stdout).strip().splitlines() or ["no message"]
-                    failed = failed or f"{' '.join(command)}: {told[-1]}"
+                    messages = (done.stderr or done.stdout).strip().splitlines() or ["no message"]
+                    failed = failed or f"{' '.join(command)}: {messages[-1]}"
                     if not (folder / "job.odb").exists():
                         break  # else what was reached is read
             return _read(folder / "job.csv", failed, time.perf_counter() - start)
@@ -119,9 +119,9 @@ class Abaqus:
 def _read(path: Path, failed: str, seconds: float) -> EngineResult:
     if not path.exists():
         return EngineResult.failed(failed or f"{path.name} was not written by the extraction script", seconds)
-    first, *rest = path.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
-    if first != COLUMNS:
-        return EngineResult.failed(f"{path.name} begins with {first!r}, wanted {COLUMNS}", seconds)
+    header, *rest = path.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
+    if header != COLUMNS:
+        return EngineResult.failed(f"{path.name} begins with {header!r}, wanted {COLUMNS}", seconds)
     table = np.array([[float(cell) for cell in line.split(",")] for line in rest]).reshape(-1, 5)
     share, count = np.unique(table[:, 0], return_counts=True)
     if not len(share) or share[-1] <= 0.0:

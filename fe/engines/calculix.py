@@ -29,10 +29,10 @@ class CalculiX:
     def solve(
         self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0
     ) -> EngineResult:
-        """The response of a case to a follower pressure in MPa and a gravity (3,) mm/s2; see `run`.
+        """Response of a case to a follower pressure in MPa and a gravity (3,) mm/s2; see `run`.
 
-        levels: at how many pressures at least the course is wanted, the weight being put on before; 0: all
-        loads grow together. ValueError for what `check` refuses.
+        levels: least number of pressures with output; the weight is then applied in a step before. 0: output
+        at the end, all loads grow together. ValueError for a case that `check` refuses.
         """
         return self.run(self.deck(case, pressure, gravity=gravity, levels=levels))
 
@@ -43,7 +43,7 @@ class CalculiX:
         return without_hybrid(text)
 
     def unfit(self, case: Case) -> str:
-        """Why it has no elements for a case of rubber, "" where it has: only its C3D20R does not lock."""
+        """Reason why CalculiX cannot solve a case of rubber, "" if it can: only its C3D20R does not lock."""
         name = case.element.name
         if name in ("hex27", "C3D20R", "C3D20RH"):
             return ""
@@ -53,17 +53,17 @@ class CalculiX:
         )
 
     def release(self) -> str:
-        """What the program says of its version. FileNotFoundError where ccx is not installed."""
-        told = subprocess.run([self._program(), "-v"], capture_output=True, text=True).stdout.split()
-        return f"CalculiX {told[-1]}" if told else "CalculiX"
+        """CalculiX's version. FileNotFoundError where ccx is not installed."""
+        words = subprocess.run([self._program(), "-v"], capture_output=True, text=True).stdout.split()
+        return f"CalculiX {words[-1]}" if words else "CalculiX"
 
     def _program(self) -> str:
         return program(self.executable, "CalculiX", "install the package calculix-ccx")
 
     def run(self, text: str, *, folder: Path | None = None) -> EngineResult:
-        """The response of a deck, the course being that of its last step. FileNotFoundError where ccx is not
-        installed; never raises for lack of convergence. folder: where its files stay."""
-        found = self._program()
+        """Response of a deck over its last step. FileNotFoundError where ccx is not installed; never raises
+        for lack of convergence. folder: the job's folder, by default temporary."""
+        executable = self._program()
         with tempfile.TemporaryDirectory() as scratch:
             folder = folder or self.folder or Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
@@ -71,7 +71,7 @@ class CalculiX:
             (folder / "job.frd").unlink(missing_ok=True)  # of an earlier run
             start, threads = time.perf_counter(), str(self.threads)
             done = subprocess.run(
-                [found, "-i", "job"],
+                [executable, "-i", "job"],
                 cwd=folder,
                 env=os.environ | {"OMP_NUM_THREADS": threads, "CCX_NPROC_EQUATION_SOLVER": threads},
                 capture_output=True,
@@ -83,10 +83,7 @@ class CalculiX:
 
 
 def check(case: Case) -> None:
-    """ValueError for a case that it cannot solve.
-
-    Mullins softening and creep it does not know.
-    """
+    """ValueError for a case with Mullins softening or a Prony series, which CalculiX does not know."""
     for name, m in case.materials.items():
         for what, there in (("Mullins softening", m.mullins and m.mullins[0]), ("a Prony series", m.prony)):
             if there:
@@ -94,7 +91,11 @@ def check(case: Case) -> None:
 
 
 def without_hybrid(text: str) -> str:
-    """The deck with the H dropped from its element types, as CalculiX knows no hybrid elements."""
+    """The deck with the H dropped from its element types, as CalculiX knows no hybrid elements.
+
+    >>> print(without_hybrid("*ELEMENT, TYPE=C3D20RH, ELSET=BODY"), end="")
+    *ELEMENT, TYPE=C3D20R, ELSET=BODY
+    """
     lines = text.splitlines()
     for k, line in enumerate(lines):
         if line.upper().startswith("*ELEMENT,"):
@@ -122,19 +123,19 @@ def _read(path: Path, done: "subprocess.CompletedProcess[str]", seconds: float, 
     finished = done.returncode == 0 and "Job finished" in done.stdout
     if not finished:  # the last is cut off, or the best of an increment that did not converge
         blocks = blocks[:-1]
-    whole = [rows for rows in blocks if len(rows) == len(blocks[0])]
-    told = [line.strip() for line in done.stdout.splitlines() if "*ERROR" in line]
-    share = np.array(times[1 : len(whole) + 1]) - (steps - 1)
-    if finished and whole:
+    complete = [rows for rows in blocks if len(rows) == len(blocks[0])]
+    errors = [line.strip() for line in done.stdout.splitlines() if "*ERROR" in line]
+    share = np.array(times[1 : len(complete) + 1]) - (steps - 1)
+    if finished and complete:
         reason = "converged"
     elif not finished and len(share) and share[-1] > 0.0:
-        reason = f"stopped at {share[-1]:.3g} of the step: {told[0] if told else 'ccx gives no reason'}"
+        reason = f"stopped at {share[-1]:.3g} of the step: {errors[0] if errors else 'ccx gives no reason'}"
     else:
-        reason = told[0] if told else "ccx stopped before the end"
-    if not whole:
+        reason = errors[0] if errors else "ccx stopped before the end"
+    if not complete:
         return EngineResult.failed(reason, seconds)
-    labels = np.array([int(r[3:13]) for r in whole[0]], np.int64)
-    own = [k for k, s in enumerate(share) if s >= -1e-9]
-    course = [[[float(r[13 + 12 * d : 25 + 12 * d]) for d in range(3)] for r in whole[k]] for k in own]
-    u = np.array(course).reshape(len(own), len(labels), 3)
-    return EngineResult(labels, share[own], u, reason == "converged", reason, seconds)
+    labels = np.array([int(r[3:13]) for r in complete[0]], np.int64)
+    rows = [k for k, s in enumerate(share) if s >= -1e-9]
+    course = [[[float(r[13 + 12 * d : 25 + 12 * d]) for d in range(3)] for r in complete[k]] for k in rows]
+    u = np.array(course).reshape(len(rows), len(labels), 3)
+    return EngineResult(labels, share[rows], u, reason == "converged", reason, seconds)

@@ -18,10 +18,10 @@ NONE, NO_COURSE = np.empty(0), np.empty((0, 0, 3))
 
 @dataclass(frozen=True)
 class EngineResult:
-    """Displacements of the nodes `labels` (n,) while the pressure grows, or why it was not reached.
+    """Displacements of the nodes `labels` (n,) while the pressure grows, or the reason of a failure.
 
-    share (k,): of the whole pressure, increasing, as the engine chose its increments; course (k, n, 3) mm:
-    displacements there. Of a solve that stopped early they hold what was reached. seconds: the time it took.
+    share (k,): increasing shares of the full pressure, at the engine's increments; course (k, n, 3) mm:
+    displacements there, up to the last increment reached. seconds: run time.
     """
 
     labels: Integers
@@ -55,13 +55,13 @@ class Engine(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Name of the engine."""
 
     def solve(
         self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0
     ) -> EngineResult:
-        """The response of a case to a pressure in MPa and a gravity (3,) mm/s2, by default none; never raises
-        for lack of convergence. levels: at how many pressures at least the course is wanted; 0: the end."""
+        """Response of a case to a pressure in MPa and a gravity (3,) mm/s2, by default none; never raises for
+        lack of convergence. levels: least number of pressures with output; 0: at the end alone."""
 
 
 class Program(Engine, Protocol):
@@ -75,23 +75,22 @@ class Program(Engine, Protocol):
         """The deck of a case; ValueError for what it cannot solve."""
 
     def unfit(self, case: Case) -> str:
-        """Why it has no elements for a case of rubber, "" where it has."""
+        """Reason why it cannot solve a case of rubber, "" if it can."""
 
     def run(self, text: str, *, folder: Path | None = None) -> EngineResult:
-        """The response of a deck, the course being that of its last step. FileNotFoundError where the program
-        is not installed; never raises for lack of convergence. folder: where its files stay, job.log among
-        them."""
+        """Response of a deck over its last step. FileNotFoundError where the program is not installed; never
+        raises for lack of convergence. folder: the job's folder, with job.log."""
 
     def release(self) -> str:
-        """What the program says of its version. FileNotFoundError where it is not installed."""
+        """The program's version. FileNotFoundError where it is not installed."""
 
 
 def program(executable: str, what: str, install: str) -> str:
     """The path of an engine's program. FileNotFoundError where it is not installed."""
-    found = shutil.which(executable)
-    if found is None:
+    path = shutil.which(executable)
+    if path is None:
         raise FileNotFoundError(f"{executable}: not found, wanted {what}; {install}")
-    return found
+    return path
 
 
 @dataclass(frozen=True)
@@ -106,9 +105,9 @@ class Embedded:
         """The response of a case to a pressure in MPa and a gravity (3,) mm/s2, by default none."""
         start, weight = time.perf_counter(), np.zeros(3) if gravity is None else gravity
         ramp, share = np.array([0.0, 1.0]), np.linspace(0.0, 1.0, max(levels, 1) + 1)[1:]
-        found = solve(case, LoadPath(ramp, pressure * ramp, share, gravity=weight))
+        solution = solve(case, LoadPath(ramp, pressure * ramp, share, gravity=weight))
         seconds = time.perf_counter() - start
-        if not found.converged:
-            return EngineResult.failed(found.reason, seconds)
-        course = found.fields(range(len(share)))
-        return EngineResult(case.labels, share, course, True, found.reason, seconds)
+        if not solution.converged:
+            return EngineResult.failed(solution.reason, seconds)
+        course = solution.fields(range(len(share)))
+        return EngineResult(case.labels, share, course, True, solution.reason, seconds)

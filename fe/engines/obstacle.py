@@ -15,8 +15,8 @@ MOST_BRICKS = 10_000
 
 
 def touched(case: Case, contact: Contact) -> list[str]:
-    """The lines of a case's obstacle as held bricks, S2 their outer faces, and of what happens between the
-    two surfaces (surface to surface, the same stiffness). ValueError for one on a spring.
+    """Lines of a deck for a case's obstacle: fixed bricks, whose faces S2 form its surface, and a contact
+    pair (surface to surface) with the case's stiffness. ValueError for an obstacle on a spring.
 
     After the coefficient of friction stands the stick slope (MPa/mm), for CalculiX; Abaqus, which takes that
     place for a slip rate, sees one coefficient for all rates and sets a slope of its own.
@@ -65,32 +65,32 @@ def _between(core: Array, skin: Array) -> Array:
 
 
 def _beside(n: Array) -> tuple[Array, Array]:
-    """Two ways across a way n (3,) of length 1, the three right-handed."""
-    first = np.cross(n, np.eye(3)[np.abs(n).argmin()])
-    first /= np.linalg.norm(first)
-    return first, np.cross(n, first)
+    """Two unit vectors (3,) normal to n (3,) and to each other, right-handed with it."""
+    tangent = np.cross(n, np.eye(3)[np.abs(n).argmin()])
+    tangent /= np.linalg.norm(tangent)
+    return tangent, np.cross(n, tangent)
 
 
 def _plate(plane: Flat, middle: Array, size: float) -> Array:
-    first, second = _beside(plane.out)
+    s, t = _beside(plane.out)
     middle = middle - plane.height(middle) * plane.out
     ends = REACH * size * np.array([-1.0, 1.0])
-    return np.asarray(middle + ends[:, None, None] * first + ends[None, :, None] * second)
+    return np.asarray(middle + ends[:, None, None] * s + ends[None, :, None] * t)
 
 
 def _cylinder(rod: Round, middle: Array, size: float) -> Array:
     a = np.asarray(rod.axis, float) / np.linalg.norm(rod.axis)  # type: ignore[arg-type]
-    first, second = _beside(a)
+    s, t = _beside(a)
     turn, c = np.linspace(0, 2 * np.pi, RING + 1)[:, None, None], np.asarray(rod.centre, float)
     along = ((middle - c) @ a + LENGTH * size * np.array([-1.0, 1.0]))[None, :, None] * a
-    return np.asarray(c + along + rod.radius * (np.cos(turn) * first + np.sin(turn) * second))
+    return np.asarray(c + along + rod.radius * (np.cos(turn) * s + np.sin(turn) * t))
 
 
 def _sphere(ball: Round) -> list[Array]:
     t = np.tan(np.linspace(-np.pi / 4, np.pi / 4, PATCH + 1))
     out = []
     for n in (*np.eye(3), *-np.eye(3)):
-        first, second = _beside(n)
-        x = n + t[:, None, None] * first + t[None, :, None] * second
+        u, v = _beside(n)
+        x = n + t[:, None, None] * u + t[None, :, None] * v
         out.append(np.asarray(ball.centre) + ball.radius * x / np.linalg.norm(x, axis=-1, keepdims=True))
     return out

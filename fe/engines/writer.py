@@ -1,4 +1,4 @@
-"""The Abaqus input deck of a case under a pressure; CalculiX reads it too, but for the H of its elements."""
+"""The Abaqus input deck of a case under pressure; CalculiX reads it too, without the H of its elements."""
 
 from collections.abc import Iterable, Sequence
 from itertools import chain
@@ -70,10 +70,10 @@ def deck(
     for name, material in changed.materials.items():
         lines += _material(name, material)
         lines += [f"*SOLID SECTION, ELSET={in_deck(name)}, MATERIAL={in_deck(name)}"]
-    first = len(changed.connectivity) + MOST_BRICKS + 1  # after the solids and the obstacle's bricks
+    next_element = len(changed.connectivity) + MOST_BRICKS + 1  # after the solids and the obstacle's bricks
     for k, layer in enumerate(changed.sheets):
-        lines += _sheet(changed, layer, f"SHEET_{k}_" if k else "SHEET", first)
-        first += len(changed.surfaces[layer.surface])
+        lines += _sheet(changed, layer, f"SHEET_{k}_" if k else "SHEET", next_element)
+        next_element += len(changed.surfaces[layer.surface])
     if changed.contact and changed.contact.stiffness:
         lines += touched(changed, changed.contact)
     lines += chain.from_iterable(_touching(changed, n, c) for n, c in enumerate(changed.self_contact))
@@ -90,7 +90,11 @@ def deck(
 
 
 def in_deck(name: str) -> str:
-    """A name as a deck has it: in capitals, without the point after an instance."""
+    """A name as written in a deck: in capitals, without the point after an instance.
+
+    >>> in_deck("finger-1.root")
+    'FINGER-1_ROOT'
+    """
     return name.upper().replace(".", "_")
 
 
@@ -111,12 +115,16 @@ END = ("*NODE FILE", "U", "*END STEP")
 
 
 def steps_of(text: str) -> int:
-    """How many steps a deck has."""
+    """Number of steps of a deck.
+
+    >>> steps_of("*STEP, NLGEOM=YES")
+    1
+    """
     return sum(line.upper().startswith("*STEP") for line in text.splitlines())
 
 
 def _lasting(case: Case, supports: Sequence[Support], gravity: Array | None) -> list[str]:
-    """The loads that do not depend on the pressure."""
+    """Lines of the loads that do not depend on the pressure."""
     lines = list[str]()
     for s in supports:
         if s.value is not None:
@@ -154,15 +162,15 @@ def _forces(case: Case, name: str, force: Array) -> list[str]:
 
 
 def _step(time: float | None, levels: int = 0) -> list[str]:
-    """A step of so many seconds in which loads grow in proportion, or a static one of the time 1, in so many
-    increments at least."""
-    own, length = ("*STATIC", 1.0) if time is None else (f"*VISCO, CETOL={CREEP_TOLERANCE:g}", time)
+    """Head of a step of `time` seconds in which loads grow in proportion, or of a static step (None);
+    `levels`: least number of increments."""
+    procedure, length = ("*STATIC", 1.0) if time is None else (f"*VISCO, CETOL={CREEP_TOLERANCE:g}", time)
     largest = length * min(LARGEST_INCREMENT, 1 / levels if levels else 1.0)
-    first = min(FIRST_INCREMENT * length, largest)
+    initial = min(FIRST_INCREMENT * length, largest)
     ramp = "" if time is None else "AMPLITUDE=RAMP, "
     least = LEAST_INCREMENT if levels else 1e-6  # a search asks for what has no equilibrium, too
-    increments = f"{first:.6g}, {length:.6g}, {least * length:.6g}, {largest:.6g}"
-    return [f"*STEP, NLGEOM=YES, {ramp}INC={INCREMENTS}", own, increments]
+    increments = f"{initial:.6g}, {length:.6g}, {least * length:.6g}, {largest:.6g}"
+    return [f"*STEP, NLGEOM=YES, {ramp}INC={INCREMENTS}", procedure, increments]
 
 
 def _check(case: Case, *, static: bool) -> None:
@@ -203,7 +211,7 @@ MEMBRANES = {8: "M3D8", 6: "M3D6", 4: "M3D4", 3: "M3D3"}  # by the nodes of a fa
 SHEET = 0.01  # mm, a thickness for what only has thickness x modulus: in CalculiX 0.1 does 0.1 % less
 
 
-def _sheet(case: Case, layer: Layer, prefix: str, first: int) -> list[str]:
+def _sheet(case: Case, layer: Layer, prefix: str, begin: int) -> list[str]:
     """The layer as membranes, numbered from `first`."""
     faces, each = case.labels[case.face_nodes(layer.surface)], layer.per_face(case)
     lines = list[str]()
@@ -211,7 +219,7 @@ def _sheet(case: Case, layer: Layer, prefix: str, first: int) -> list[str]:
         name, rows = f"{prefix}{k or ''}", np.flatnonzero(each == stiffness)
         lines += [
             f"*ELEMENT, TYPE={MEMBRANES[faces.shape[1]]}, ELSET={name}",
-            *chain.from_iterable(_wrapped((first + int(row), *faces[row])) for row in rows),
+            *chain.from_iterable(_wrapped((begin + int(row), *faces[row])) for row in rows),
             *(f"*MATERIAL, NAME={name}", "*ELASTIC", f"{stiffness / SHEET:.10g}, {layer.poisson:.10g}"),
             *(f"*MEMBRANE SECTION, ELSET={name}, MATERIAL={name}", f"{SHEET},"),
         ]
@@ -219,7 +227,7 @@ def _sheet(case: Case, layer: Layer, prefix: str, first: int) -> list[str]:
 
 
 def _touching(case: Case, number: int, contact: SelfContact) -> list[str]:
-    """What happens between two surfaces that may touch each other."""
+    """Lines of the contact pair of two surfaces that may touch each other."""
     stiffness = contact.stiffness * case.per_element("shear").min()
     return [
         f"*SURFACE INTERACTION, NAME=WALLS{number}",

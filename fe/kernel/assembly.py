@@ -66,8 +66,8 @@ class ElementConstants:
         prony[..., 1] = 1.0  # an absent term has g = 0
         table[:, OGDEN + 1 :: 2] = 1.0  # or mu = 0
         for name, m in case.materials.items():
-            rows, own = case.element_sets[name], m.constants
-            table[rows, : len(own)] = own
+            rows, constants = case.element_sets[name], m.constants
+            table[rows, : len(constants)] = constants
             for k, pair in enumerate(m.prony):
                 prony[k, rows] = pair
         softening = np.zeros((0, 3))
@@ -79,7 +79,7 @@ class ElementConstants:
 
     @property
     def instant(self) -> "ElementConstants":
-        """Those of the same materials without memory."""
+        """The constants without memory: neither Prony terms nor softening."""
         return replace(self, prony=np.zeros((0, len(self.table), 2)), softening=np.zeros((0, 3)))
 
     def times(self, factor: float) -> "ElementConstants":
@@ -89,25 +89,25 @@ class ElementConstants:
 
     @property
     def law(self) -> Law:
-        """What the compiled loops want of them."""
+        """Constants and bulk moduli as the compiled loops take them."""
         return Law(self.table, self.bulk)
 
 
 @dataclass(frozen=True)
 class Response:
-    """A law's answer to displacements: isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa, and energy
-    (e, q) N mm/mm3 where softening asks for it."""
+    """Constitutive response to displacements: isochoric second Piola-Kirchhoff stress (e, q, 3, 3) MPa, and
+    energy (e, q) N mm/mm3 where softening needs it."""
 
     stress: Array
     energy: Array | None
 
     def moved(self, slope: "Response", factor: float) -> "Response":
-        """The answer to displacements that are `factor` further along, by its slope there."""
+        """The response extrapolated by `factor` along its derivative `slope`."""
         energy = None if self.energy is None or slope.energy is None else self.energy + factor * slope.energy
         return Response(self.stress + factor * slope.stress, energy)
 
     def times(self, factor: float) -> "Response":
-        """The answer of a law whose moduli are all multiplied."""
+        """The response with all moduli multiplied by `factor`."""
         return (
             self
             if factor == 1
@@ -117,15 +117,16 @@ class Response:
 
 @dataclass(frozen=True)
 class Softening:
-    """Mullins softening of one time step: table (e, 3) of amount, m in MPa, beta; the largest energy so far,
-    peak (e, q) N mm/mm3; and whether each point (e, q) is below it, or None where its own energy tells."""
+    """Mullins softening in one time step: table (e, 3) of amount, m in MPa, beta; the largest energy so far,
+    peak (e, q) N mm/mm3; below (e, q): points on the unloading branch, or None to decide by their energy."""
 
     table: Array
     peak: Array
     below: Flags | None
 
     def drop(self, energy: Array) -> Array:
-        """What it takes off the scale of the stress (e, q)."""
+        """Reduction (e, q) of the stress scale, r (W) = amount erf((W_max - W) / (m + beta W_max)), at
+        energies (e, q)."""
         amount, m, beta = self.table.T[:, :, None]
         below = energy < self.peak if self.below is None else self.below
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -135,10 +136,10 @@ class Softening:
 
 @dataclass(frozen=True)
 class Memory:
-    """What a history material hands to one time step.
+    """Input of a material with memory to one time step.
 
-    scale (e,) multiplies the new isochoric stress, less what softening takes off; history_stress
-    (e, q, 3, 3) MPa is the second Piola-Kirchhoff stress that does not depend on the new displacement.
+    scale (e,) multiplies the new isochoric stress, less the reduction by softening; history_stress (e, q, 3,
+    3) MPa is the second Piola-Kirchhoff stress that does not depend on the new displacement.
     """
 
     scale: Array
@@ -146,7 +147,7 @@ class Memory:
     softening: Softening | None = None
 
     def times(self, factor: float) -> "Memory":
-        """The memory of a material whose moduli are all multiplied."""
+        """The memory with all moduli multiplied by `factor`."""
         soft = self.softening
         if factor == 1:
             return self
@@ -210,7 +211,7 @@ class Geometry:
             self._curve(np.einsum("qa,eai->eqi", N, X))
 
     def _curve(self, place: Array) -> None:
-        """Make gradients those of Fe, by the places (e, q, 3) mm."""
+        """Turn gradients into gradients of Fe, at positions (e, q, 3) mm of the quadrature points."""
         z, curvature = place[..., 2], np.asarray(self.precurvature)
         if curvature.ndim:
             low, high = self.nodes[:, 0].min(), self.nodes[:, 0].max()
@@ -221,7 +222,8 @@ class Geometry:
         self.rest = (inverse - 1)[..., None] * np.eye(3)
 
     def compliance(self, bulk: Array) -> Array:
-        """The pressure modes' answer (e, m, m) to volume gaps, at bulk moduli (e,) MPa."""
+        """Compliance (e, m, m) of the pressure modes: the change of the modes per volume gap, at bulk moduli
+        (e,) MPa."""
         return self._flexible * bulk[:, None, None]
 
 
@@ -229,12 +231,11 @@ class Geometry:
 class Linearised:
     """Residual and tangent at one state.
 
-    force (n, 3) N is the condensed residual; data (nnz,) the upper triangle of its tangent, free
-    displacements and then shared pressures; coupling (e, 3 n, m) and compliance (e, m, m) give the pressure
-    update; turning (f,) is the tangent times the clamp's rigid rotation for the unknowns, lever (n, 3) N the
-    same for the clamp nodes; border, degrees of freedom (g, k) and matrices (g, k, k) N/mm, is what of the
-    tangent is not symmetric, where the pressurised surface has open edges; wider: the pattern of the data
-    where faces touch each other.
+    force (n, 3) N: condensed residual. data (nnz,): upper triangle of its tangent, free displacements first,
+    then shared pressures. coupling (e, 3 n, m) and compliance (e, m, m): pressure update. turning (f,):
+    tangent times the clamp's rigid rotation, for the unknowns; lever (n, 3) N: for the clamp nodes. border:
+    degrees of freedom (g, k) and matrices (g, k, k) N/mm, the unsymmetric part of the tangent where the
+    pressurised surface has open edges. wider: the pattern of the data where faces touch each other.
     """
 
     force: Array
@@ -278,22 +279,22 @@ class Kernel:
         self._clamp_elements = np.flatnonzero(np.isin(self.connectivity, self.clamped).any(axis=1))
 
     def with_shares(self, shares: Array | None) -> "Kernel":
-        """The kernel whose pressurised faces (f,) carry so much of the pressure; pattern and solver stay
-        common, as kernels are asked one after the other."""
+        """The kernel with shares (f,) of the pressure on its pressurised faces. Pattern and solver are common
+        to all of them, so only one kernel may be used at a time."""
         key = digest(shares)
         if key not in self._with_shares:
             free = np.zeros(self.dofs, bool)
             free[self.free] = True
             _ = self._places, self.matrix  # made before the copy, so that it has them, too
-            found = copy(self)
-            found.pressure = PressureFaces(self.pressure.faces, self.element, self.dofs // 3, shares)
-            found._open = found.pressure.open_edges(self.geometry.nodes, free)
-            self._with_shares[key] = found
+            kernel = copy(self)
+            kernel.pressure = PressureFaces(self.pressure.faces, self.element, self.dofs // 3, shares)
+            kernel._open = kernel.pressure.open_edges(self.geometry.nodes, free)
+            self._with_shares[key] = kernel
         return self._with_shares[key]
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is: not where the pressurised surface has open edges."""
+        """True if the tangent is symmetric: the pressurised surface has no open edges."""
         return not len(self._open)
 
     @cached_property
@@ -305,24 +306,24 @@ class Kernel:
 
     @cached_property
     def _pattern(self) -> Pattern:
-        """Of the free displacements and then the shared pressures."""
+        """Pattern of the free displacements, followed by the shared pressures."""
         corners = len(self.free) + self._corner if self.shared else np.empty((len(self.connectivity), 0), int)
         unknowns = np.concatenate([self._number[self._element_dofs], corners], axis=1)
         return Pattern.of(unknowns, len(self.free) + self.shared)
 
     @cached_property
     def _places(self) -> tuple[Places, ...]:
-        """Where the entries of elements, of pressurised faces, and of shared pressures go in the pattern."""
+        """Positions in the pattern of the entries of elements, pressurised faces and shared pressures."""
         pattern, e = self._pattern, self._number[self._element_dofs].reshape(*self.connectivity.shape, 3)
         stiffness = np.empty((*e.shape[:2], len(PAIRS), e.shape[1]), np.int32)
         for k, (i, j) in enumerate(PAIRS):
             stiffness[:, :, k] = pattern.places(e[..., i], e[..., j], mirrored=True)
         face = self._number[self.pressure.dofs]
-        found = stiffness, pattern.places(face, face)
+        places = stiffness, pattern.places(face, face)
         if not self.shared:
-            return found
+            return places
         corners = len(self.free) + self._corner
-        return *found, pattern.places(e.reshape(len(e), -1), corners), pattern.places(corners, corners)
+        return *places, pattern.places(e.reshape(len(e), -1), corners), pattern.places(corners, corners)
 
     @cached_property
     def matrix(self) -> Symmetric | Reduced:
@@ -336,38 +337,38 @@ class Kernel:
         return Reduced(pattern, self._followers(self.dependence))
 
     def _followers(self, tied: Dependence) -> sp.csr_matrix:
-        """All unknowns by those that follow nothing: a matrix (f, g)."""
-        size, own = len(self.free) + self.shared, self._number[tied.dofs]
-        independent = np.setdiff1d(np.arange(size), own)
+        """Matrix (f, g) from the independent unknowns to all unknowns."""
+        size, dependent = len(self.free) + self.shared, self._number[tied.dofs]
+        independent = np.setdiff1d(np.arange(size), dependent)
         column = np.full(size, -1)
         column[independent] = np.arange(len(independent))
         entries = tied.weights.tocoo()
         master = self._number[entries.col]  # -1: held
         free = master >= 0
-        rows = np.concatenate([independent, own[entries.row[free]]])
+        rows = np.concatenate([independent, dependent[entries.row[free]]])
         columns = np.concatenate([column[independent], column[master[free]]])
         values = np.concatenate([np.ones(len(independent)), entries.data[free]])
         return sp.csr_matrix((values, (rows, columns)), shape=(size, len(independent)))
 
     def followed(self, u: Array) -> Array:
-        """Displacements (n, 3) mm in which nodes that follow others do so."""
+        """Displacements (n, 3) mm with dependent nodes updated."""
         return u if self.dependence is None else self.dependence.followed(u)
 
     def _each(self, work: Callable[[int, int], _T]) -> list[_T]:
-        """The results of `work` on the elements first .. last, shared by all threads: compiled code lets go
-        of the interpreter."""
+        """Results of `work(first, last)` on ranges of elements, one range a thread; compiled code releases
+        the interpreter lock."""
         ends = np.linspace(0, len(self.connectivity), THREADS + 1).astype(int).tolist()
         return [work(0, ends[-1])] if THREADS == 1 else list(_POOL.map(work, ends[:-1], ends[1:]))
 
     def _mesh(self, g: Geometry, rows: Integers | None = None) -> MeshArrays:
-        """What the compiled loops want of a geometry, of all elements or of those in rows."""
+        """Arrays of a geometry for the compiled loops, for all elements or those in `rows`."""
         if rows is None:
             return MeshArrays(g.G, g.rest, g.weight, g.psi, self.connectivity)
         rest = g.rest[rows] if len(g.rest) else g.rest
         return MeshArrays(g.G[rows], rest, g.weight[rows], g.psi[rows], self.connectivity[rows])
 
     def _remembered(self, memory: Memory | None) -> HistoryArrays:
-        """What the compiled loops want of a memory, or of none."""
+        """Arrays of a memory, or of none, for the compiled loops."""
         size = len(self.connectivity)
         if memory is None:
             return HistoryArrays(np.ones(size), np.zeros((1, self.geometry.G.shape[1], 3, 3)), *_HARD)
@@ -399,7 +400,8 @@ class Kernel:
     def changes(
         self, u: Array, c: ElementConstants, geometry: Geometry, along: Sequence[Array], *, energy: bool
     ) -> list[Response]:
-        """How the law's answer to displacements u (n, 3) mm goes along each change (n, 3) mm of them."""
+        """Directional derivatives of the constitutive response at displacements u (n, 3) mm, along each
+        change (n, 3) mm."""
         if not along:
             return []
         mesh, du = self._mesh(geometry), np.stack(along)
@@ -415,8 +417,8 @@ class Kernel:
         return out
 
     def internal(self, u: Array, stress: Array, rows: Integers | None = None) -> Array:
-        """Nodal forces (n, 3) N of a second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u, of
-        all elements or of those in rows."""
+        """Nodal forces (n, 3) N of a second Piola-Kirchhoff stress (e, q, 3, 3) MPa at displacements u (n, 3)
+        mm, for all elements or those in `rows`."""
         mesh, dofs = self._mesh(self.geometry, rows), self._element_dofs
         force = np.empty((*mesh.connectivity.shape, 3))
         if rows is None:
@@ -446,19 +448,19 @@ class Kernel:
     def along(
         self, u: Array, bulk: Array, load: float, tangents: PointTangents, changes: Sequence[State]
     ) -> list[tuple[Array, Array]]:
-        """How `residual` at displacements u (n, 3) mm and bulk moduli (e,) MPa goes along each change of the
-        state, the clamp held: nodal forces (n, 3) N and volume gaps (e, m) mm3."""
+        """Directional derivatives of `residual` at displacements u (n, 3) mm, with bulk moduli (e,) MPa and
+        the clamp held: nodal forces (n, 3) N and volume gaps (e, m) mm3 for each change of the state."""
         mesh, dofs = self._mesh(self.geometry), self.pressure.dofs
         change = Changes(np.stack([s.u for s in changes]), np.stack([s.p for s in changes]))
         size = (*self.connectivity.shape, 3 * len(changes))
         out = Balance(np.empty(size), np.empty_like(change.p))
         self._each(lambda a, b: compiled.along(mesh, bulk, tangents, change, a, b, out))
-        pressed, found = load * self.pressure.tangent(self.geometry.nodes + u), []
+        pressed, changes_of_balance = load * self.pressure.tangent(self.geometry.nodes + u), []
         for v, du in enumerate(change.u):
             face = (pressed @ du.ravel()[dofs][..., None])[..., 0]
             force = self.gather(out.force[..., 3 * v : 3 * v + 3])
-            found.append((force - scatter(dofs, face, self.dofs).reshape(-1, 3), out.gap[v]))
-        return found
+            changes_of_balance.append((force - scatter(dofs, face, self.dofs).reshape(-1, 3), out.gap[v]))
+        return changes_of_balance
 
     def linearise(
         self, state: State, c: ElementConstants, load: float, memory: Memory | None, turn: Array
@@ -469,21 +471,21 @@ class Kernel:
         """
         g, (size, n), m = self.geometry, self.connectivity.shape, self.modes
         out, B = Balance(np.empty((size, n, 3)), np.empty((size, m))), np.empty((size, n, 3, m))
-        kept = np.empty((len(self._clamp_elements), n, len(PAIRS), n))
+        blocks = np.empty((len(self._clamp_elements), n, len(PAIRS), n))
         slots = np.full(size, -1)
-        slots[self._clamp_elements] = np.arange(len(kept))
+        slots[self._clamp_elements] = np.arange(len(blocks))
         mesh, fields, past = self._mesh(g), FieldArrays(state.u, state.p), self._remembered(memory)
         (stiffness, *places), compliance = self._places, g.compliance(c.bulk)
 
         def assembled(a: int, b: int) -> Array:
             data = np.zeros(len(self._pattern.indices) + 1)  # and one for what is nowhere
-            to = Tangent(compliance, B, stiffness, data, slots, kept)
+            to = Tangent(compliance, B, stiffness, data, slots, blocks)
             compiled.linearise(mesh, c.law, fields, past, a, b, out, to)
             return data
 
         data, *others = self._each(assembled)
-        for other in others:
-            data += other
+        for partial in others:
+            data += partial
         x = g.nodes + state.u
         parts = [-load * self.pressure.tangent(x)]
         if self.element.shared:
@@ -491,7 +493,7 @@ class Kernel:
         for place, values in zip(places, parts, strict=True):
             compiled.scatter_add(place.ravel(), values.ravel(), data)
         total = self.gather(out.force) - load * self.pressure.force(x)
-        turning, lever = self._turned(kept, B[self._clamp_elements], turn)
+        turning, lever = self._turned(blocks, B[self._clamp_elements], turn)
         if len(self._clamp_faces):
             turned = self._levered(self.pressure.dofs[self._clamp_faces], parts[0][self._clamp_faces], turn)
             turning[: len(self.free)] += turned.ravel()[self.free]
@@ -507,8 +509,8 @@ class Kernel:
         )  # fmt: skip
 
     def with_turned_faces(self, system: Linearised, dofs: Integers, K: Array, turn: Array) -> Linearised:
-        """The system with symmetric matrices K (g, k, k) of faces added, which are at the degrees of freedom
-        (g, k); some may belong to the clamp."""
+        """The system plus symmetric matrices K (g, k, k) of faces at degrees of freedom (g, k), clamped ones
+        included; turn (k, 3): motion of the clamp nodes per rotation."""
         turned, turning = self._levered(dofs, K, turn), system.turning.copy()
         turning[: len(self.free)] += turned.ravel()[self.free]
         pattern, rows = system.wider.pattern if system.wider else self._pattern, self._number[dofs]
@@ -517,7 +519,7 @@ class Kernel:
         return replace(system, data=data[:-1], turning=turning, lever=system.lever + turned)
 
     def widened(self, system: Linearised, meeting: Integers) -> Linearised:
-        """The system in which the degrees of freedom (g, k) of each group meet each other, too."""
+        """The system with room for entries between all degrees of freedom (g, k) of each group."""
         key = digest(meeting)
         if self._widened is None or self._widened[0] != key:
             self._widened = key, Wider.of(self._pattern, self._number[meeting], self._solver)
@@ -525,8 +527,8 @@ class Kernel:
         return replace(system, data=wider.spread(system.data), wider=wider)
 
     def _levered(self, dofs: Integers, K: Array, turn: Array) -> Array:
-        """Nodal forces (n, 3) N that matrices K (g, k, k) N/mm of faces, at dofs (g, k), give for a
-        rigid rotation of the clamp."""
+        """Nodal forces (n, 3) N from matrices K (g, k, k) N/mm, at dofs (g, k), times a rigid rotation of the
+        clamp."""
         motion = np.zeros((self.dofs // 3, 3))
         motion[self.clamped] = turn
         turned = (K @ motion.ravel()[dofs][..., None])[..., 0]

@@ -1,7 +1,7 @@
-"""Element loops over quadrature points, compiled to machine code by numba, one element after the other.
+"""Element loops over quadrature points, compiled to machine code by numba.
 
-A mesh has e elements of n nodes, q quadrature points and m pressure modes. Loops run over the elements
-first .. last and fill what they are given; the law at a point is `fe.terms`.
+A mesh has e elements of n nodes, q quadrature points and m pressure modes. Every loop runs over the elements
+begin .. end - 1 and fills its output arrays; the law at a point is `fe.terms`.
 """
 
 from typing import NamedTuple
@@ -27,8 +27,8 @@ from fe.terms import (
 
 
 class MeshArrays(NamedTuple):
-    """Gradients G (e, q, 3, n) per mm; rest (e, q, 3, 3), F - 1 without displacements, or empty for 0;
-    weights w (e, q) mm3; pressure modes psi (e, q, m); connectivity (e, n)."""
+    """Gradients G (e, q, 3, n) per mm; rest (e, q, 3, 3), F - 1 at zero displacement, empty without a
+    precurvature; weights w (e, q) mm3; pressure modes psi (e, q, m); connectivity (e, n)."""
 
     G: Array
     rest: Array
@@ -59,17 +59,17 @@ class Changes(NamedTuple):
 
 
 class PointTangents(NamedTuple):
-    """Tangents A (e, q, 6, 3, 3) MPa of PAIRS of components, history stress included; and how the volume
-    goes with F, volume (e, q, 3, 3)."""
+    """Tangents A (e, q, 6, 3, 3) MPa of the PAIRS of components, history stress included; volume (e, q, 3,
+    3): derivative of J by F."""
 
     A: Array
     volume: Array
 
 
 class HistoryArrays(NamedTuple):
-    """What a history hands on: scale (e,) and stress (e or 1, q, 3, 3) MPa; of Mullins softening, or empty:
-    soft (e, 3) of amount, m, beta, the largest energy so far peak (e, q), and, where it is given, on which
-    side of it each point is, sides (e, q)."""
+    """Memory of a material: scale (e,) and history stress (e or 1, q, 3, 3) MPa. With Mullins softening, else
+    empty: soft (e, 3) of amount, m, beta; peak (e, q), the largest energy so far; sides (e, q), where given,
+    true on the unloading branch."""
 
     scale: Array
     stress: Array
@@ -86,11 +86,11 @@ class Balance(NamedTuple):
 
 
 class Tangent(NamedTuple):
-    """What of the tangent is wanted.
+    """Output arrays of a tangent.
 
-    compliance (e, m, m) eliminates the pressure modes. coupling B (e, n, 3, m); the blocks (n, 6, n) of the
-    PAIRS are added to `data` at their `places` (e, n, 6, n), of those on the diagonal one half; those of
-    elements with slots (e,) from 0 on are kept there, (k, n, 6, n).
+    compliance (e, m, m) eliminates the pressure modes. coupling B (e, n, 3, m). The blocks (n, 6, n) of the
+    PAIRS are added to `data` at their `places` (e, n, 6, n), diagonal ones by half; blocks of elements with
+    slots (e,) >= 0 are stored in kept (k, n, 6, n).
     """
 
     compliance: Array
@@ -103,7 +103,7 @@ class Tangent(NamedTuple):
 
 class Work(NamedTuple):
     """Scratch of one element: flux (q, 3, 3), spread (q, 3, 3, m) and T (q, 3, 6, n) at its points, the
-    tangent A (6, 3, 3) at one of them, and its blocks K (n, 6, n)."""
+    tangent A (6, 3, 3) at a single point, and the blocks K (n, 6, n)."""
 
     flux: Array
     spread: Array
@@ -145,15 +145,15 @@ def _pressure(psi: Array, p: Array) -> float:
 
 @part
 def _drop(past: HistoryArrays, W: float, e: int, q: int) -> tuple[float, float]:
-    """What softening takes off the scale at one point of energy W, and the slope of the scale."""
+    """Reduction of the stress scale by softening at a point of energy W, and its slope by W."""
     side = int(past.sides[e, q]) if len(past.sides) > 0 else -1
     return softened(W, past.soft[e], past.peak[e, q], side)
 
 
 @part
-def _total(at: Point, pressure: float, scale: float, S: Array) -> None:
+def _total(point: Point, pressure: float, scale: float, S: Array) -> None:
     """P becomes scale P + F S + pressure a."""
-    P, F, a = at.P, at.F, at.a
+    P, F, a = point.P, point.F, point.a
     for i in range(3):
         for k in range(3):
             FS = F[i, 0] * S[0, k] + F[i, 1] * S[1, k] + F[i, 2] * S[2, k]
@@ -161,18 +161,18 @@ def _total(at: Point, pressure: float, scale: float, S: Array) -> None:
 
 
 @machine_code
-def isochoric(mesh: MeshArrays, u: Array, c: Array, first: int, last: int, S: Array) -> None:
+def isochoric(mesh: MeshArrays, u: Array, c: Array, begin: int, end: int, S: Array) -> None:
     """Isochoric second Piola-Kirchhoff stress S (e, q, 3, 3) MPa at displacements u (n, 3) mm."""
-    ue, at, none = np.empty((3, mesh.connectivity.shape[1])), new_point(), np.empty((0, 3, 3))
-    a, P = at.a, at.P
-    for e in range(first, last):
+    ue, point, none = np.empty((3, mesh.connectivity.shape[1])), new_point(), np.empty((0, 3, 3))
+    a, P = point.a, point.P
+    for e in range(begin, end):
         _gathered(u, mesh.connectivity[e], ue)
         for q in range(mesh.G.shape[1]):
-            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
-            J, I1, I2 = invariants(at)
-            in_invariants(at, J, I1, I2, c[e])
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, point.F)
+            J, I1, I2 = invariants(point)
+            in_invariants(point, J, I1, I2, c[e])
             if c.shape[1] > OGDEN:
-                ogden(at, J, 1.0, c[e], none)
+                ogden(point, J, 1.0, c[e], none)
             for i in range(3):
                 for k in range(3):
                     S[e, q, i, k] = a[0, i] * P[0, k] + a[1, i] * P[1, k] + a[2, i] * P[2, k]
@@ -180,26 +180,26 @@ def isochoric(mesh: MeshArrays, u: Array, c: Array, first: int, last: int, S: Ar
 
 @machine_code
 def isochoric_changes(
-    mesh: MeshArrays, u: Array, c: Array, du: Array, first: int, last: int, dS: Array, dW: Array
+    mesh: MeshArrays, u: Array, c: Array, du: Array, begin: int, end: int, dS: Array, dW: Array
 ) -> None:
     """Changes of the isochoric stress dS (v, e, q, 3, 3) MPa and of the energy dW (v, e, q) of the law at
     displacements u (n, 3) mm, along changes du (v, n, 3) mm of them."""
     n = mesh.connectivity.shape[1]
-    ue, de, at = np.empty((3, n)), np.empty((len(du), 3, n)), new_point()
+    ue, de, point = np.empty((3, n)), np.empty((len(du), 3, n)), new_point()
     A, S, H, dP = np.empty((6, 3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    F, a, P = at.F, at.a, at.P
-    for e in range(first, last):
+    F, a, P = point.F, point.a, point.P
+    for e in range(begin, end):
         _gathered(u, mesh.connectivity[e], ue)
         for v in range(len(du)):
             _gathered(du[v], mesh.connectivity[e], de[v])
         for q in range(mesh.G.shape[1]):
             G = mesh.G[e, q]
             _deformed(G, ue, mesh.rest, e, q, F)
-            J, I1, I2 = invariants(at)
-            w1, w2, w11 = in_invariants(at, J, I1, I2, c[e])
-            tangent(at, I1, I2, w1, w2, w11, 0.0, A)
+            J, I1, I2 = invariants(point)
+            w1, w2, w11 = in_invariants(point, J, I1, I2, c[e])
+            tangent(point, I1, I2, w1, w2, w11, 0.0, A)
             if c.shape[1] > OGDEN:
-                ogden(at, J, 1.0, c[e], A)
+                ogden(point, J, 1.0, c[e], A)
             for i in range(3):
                 for k in range(3):
                     S[i, k] = a[0, i] * P[0, k] + a[1, i] * P[1, k] + a[2, i] * P[2, k]
@@ -230,7 +230,8 @@ def isochoric_changes(
 
 @machine_code
 def history_stress(terms: Array, now: Array, decay: Array, viscous: Array, out: Array) -> None:
-    """Fills out (e, k): terms (m, e, k) after their decay (m, e), less `viscous` (e,) times now (e, k)."""
+    """Fill out (e, k): the sum of the decayed Prony terms (m, e, k), less `viscous` (e,) times the last
+    stress now (e, k)."""
     for e in range(len(out)):
         for k in range(out.shape[1]):
             value = -viscous[e] * now[e, k]
@@ -241,8 +242,8 @@ def history_stress(terms: Array, now: Array, decay: Array, viscous: Array, out: 
 
 @machine_code
 def relaxed(terms: Array, now: Array, stress: Array, decay: Array, weight: Array, out: Array) -> None:
-    """Fills out (m, e, k): the terms after their decay (m, e), and `weight` (m, e) times what the stress
-    (e, k) has gained over now (e, k)."""
+    """Fill out (m, e, k), the Prony terms after a step: decayed terms (m, e, k), plus `weight` (m, e) times
+    the stress increment, stress - now (e, k)."""
     for m in range(len(out)):
         for e in range(out.shape[1]):
             for k in range(out.shape[2]):
@@ -250,23 +251,23 @@ def relaxed(terms: Array, now: Array, stress: Array, decay: Array, weight: Array
 
 
 @machine_code
-def energies(mesh: MeshArrays, u: Array, c: Array, first: int, last: int, W: Array) -> None:
+def energies(mesh: MeshArrays, u: Array, c: Array, begin: int, end: int, W: Array) -> None:
     """Isochoric energy W (e, q) N mm/mm3 of the law at displacements u (n, 3) mm."""
-    ue, at = np.empty((3, mesh.connectivity.shape[1])), new_point()
-    for e in range(first, last):
+    ue, point = np.empty((3, mesh.connectivity.shape[1])), new_point()
+    for e in range(begin, end):
         _gathered(u, mesh.connectivity[e], ue)
         for q in range(mesh.G.shape[1]):
-            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
-            J, I1, I2 = invariants(at)
-            W[e, q] = energy(at, J, I1, I2, c[e])
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, point.F)
+            J, I1, I2 = invariants(point)
+            W[e, q] = energy(point, J, I1, I2, c[e])
 
 
 @machine_code
-def internal(mesh: MeshArrays, u: Array, S: Array, first: int, last: int, force: Array) -> None:
+def internal(mesh: MeshArrays, u: Array, S: Array, begin: int, end: int, force: Array) -> None:
     """Element forces (e, n, 3) N of a second Piola-Kirchhoff stress S (e, q, 3, 3) MPa."""
     points, n = mesh.G.shape[1], mesh.G.shape[3]
     ue, F, flux = np.empty((3, n)), np.empty((3, 3)), np.empty((points, 3, 3))
-    for e in range(first, last):
+    for e in range(begin, end):
         _gathered(u, mesh.connectivity[e], ue)
         for q in range(points):
             _deformed(mesh.G[e, q], ue, mesh.rest, e, q, F)
@@ -279,37 +280,38 @@ def internal(mesh: MeshArrays, u: Array, S: Array, first: int, last: int, force:
 
 @machine_code
 def residual(
-    mesh: MeshArrays, law: Law, fields: FieldArrays, past: HistoryArrays, first: int, last: int, out: Balance
+    mesh: MeshArrays, law: Law, fields: FieldArrays, past: HistoryArrays, begin: int, end: int, out: Balance
 ) -> None:
-    """Fills the balance of elements."""
+    """Fill the element forces and volume gaps."""
     points, n, modes = mesh.G.shape[1], mesh.G.shape[3], mesh.psi.shape[2]
-    ue, at, flux = np.empty((3, n)), new_point(), np.empty((points, 3, 3))
+    ue, point, flux = np.empty((3, n)), new_point(), np.empty((points, 3, 3))
     none = np.empty((0, 3, 3))
-    for e in range(first, last):
+    for e in range(begin, end):
         _gathered(fields.u, mesh.connectivity[e], ue)
         for k in range(modes):
             out.gap[e, k] = 0.0
         for q in range(points):
-            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
-            J, I1, I2 = invariants(at)
-            in_invariants(at, J, I1, I2, law.c[e])
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, point.F)
+            J, I1, I2 = invariants(point)
+            in_invariants(point, J, I1, I2, law.c[e])
             if law.c.shape[1] > OGDEN:
-                ogden(at, J, 1.0, law.c[e], none)
+                ogden(point, J, 1.0, law.c[e], none)
             s, w, pressure = past.scale[e], mesh.w[e, q], _pressure(mesh.psi[e, q], fields.p[e])
             if len(past.soft) > 0:
-                s -= _drop(past, energy(at, J, I1, I2, law.c[e]), e, q)[0]
-            _total(at, J * pressure, s, past.stress[e % len(past.stress), q])
+                s -= _drop(past, energy(point, J, I1, I2, law.c[e]), e, q)[0]
+            _total(point, J * pressure, s, past.stress[e % len(past.stress), q])
             for k in range(modes):
                 out.gap[e, k] += w * (J - 1.0 - pressure / law.bulk[e]) * mesh.psi[e, q, k]
             for i in range(3):
                 for k in range(3):
-                    flux[q, k, i] = w * at.P[i, k]
+                    flux[q, k, i] = w * point.P[i, k]
         np.dot(mesh.G[e].reshape(3 * points, n).T, flux.reshape(3 * points, 3), out.force[e])
 
 
 @machine_code
 def _stiffened(P: Array, slope: float, A: Array) -> None:
-    """Adds what the scale's slope with the energy, whose gradient is P, puts into the tangent A (6, 3, 3)."""
+    """Add the softening term of the tangent A (6, 3, 3): `slope` of the scale by the energy, times the dyad
+    of P, the gradient of the energy."""
     for pair in range(6):
         i, j = PAIRS[pair]
         for p in range(3):
@@ -319,35 +321,35 @@ def _stiffened(P: Array, slope: float, A: Array) -> None:
 
 @part
 def _stiffness_at(
-    law: Law, past: HistoryArrays, at: Point, pressure: float, e: int, q: int, A: Array
+    law: Law, past: HistoryArrays, point: Point, pressure: float, e: int, q: int, A: Array
 ) -> float:
     """J at one point; fills its stress, and the tangent A (6, 3, 3) without the history stress."""
     c = law.c[e]
-    J, I1, I2 = invariants(at)
-    w1, w2, w11 = in_invariants(at, J, I1, I2, c)
+    J, I1, I2 = invariants(point)
+    w1, w2, w11 = in_invariants(point, J, I1, I2, c)
     s, slope = past.scale[e], 0.0
     if len(past.soft) > 0:
-        drop, slope = _drop(past, energy(at, J, I1, I2, c), e, q)
+        drop, slope = _drop(past, energy(point, J, I1, I2, c), e, q)
         s -= drop
-    tangent(at, I1, I2, s * w1, s * w2, s * w11, J * pressure, A)
+    tangent(point, I1, I2, s * w1, s * w2, s * w11, J * pressure, A)
     if len(c) > OGDEN:
-        ogden(at, J, s, c, A)
+        ogden(point, J, s, c, A)
     if slope != 0.0:
-        _stiffened(at.P, slope, A)
-    _total(at, J * pressure, s, past.stress[e % len(past.stress), q])
+        _stiffened(point.P, slope, A)
+    _total(point, J * pressure, s, past.stress[e % len(past.stress), q])
     return J
 
 
 @part
-def _spread(mesh: MeshArrays, at: Point, S: Array, J: float, e: int, q: int, work: Work) -> None:
+def _spread(mesh: MeshArrays, point: Point, S: Array, J: float, e: int, q: int, work: Work) -> None:
     """Puts a point's stress, volume gradient and tangent, with the history stress S (3, 3), into an element's
     scratch."""
     w, G, A = mesh.w[e, q], mesh.G[e, q], work.A
     for i in range(3):
         for k in range(3):
-            work.flux[q, k, i] = w * at.P[i, k]
+            work.flux[q, k, i] = w * point.P[i, k]
             for r in range(mesh.psi.shape[2]):
-                work.spread[q, k, i, r] = w * J * at.a[i, k] * mesh.psi[e, q, r]
+                work.spread[q, k, i, r] = w * J * point.a[i, k] * mesh.psi[e, q, r]
     for k in range(3):
         for pair in range(6):
             same = w if pair < 3 else 0.0  # the history stress couples a component with itself
@@ -360,7 +362,7 @@ def _spread(mesh: MeshArrays, at: Point, S: Array, J: float, e: int, q: int, wor
 
 @part
 def _condense(C: Array, B: Array, gap: Array, force: Array) -> None:
-    """Adds to an element's force (n, 3) what the elimination of its modes, of compliance C (m, m), gives."""
+    """Add the eliminated pressure modes, of compliance C (m, m), to an element's force (n, 3)."""
     modes = len(gap)
     for r in range(modes):
         eliminated = 0.0
@@ -372,10 +374,10 @@ def _condense(C: Array, B: Array, gap: Array, force: Array) -> None:
 
 
 @part
-def _assemble(e: int, out: Tangent, rows: Array, given: Array, K: Array) -> None:
-    """Eliminates an element's modes from its blocks K (n, 6, n) and adds them to the matrix; rows (3, m, n)
-    and given (3, m) are scratch."""
-    B, C, kept = out.coupling[e], out.compliance[e], out.slots[e] >= 0
+def _assemble(e: int, out: Tangent, rows: Array, CB: Array, K: Array) -> None:
+    """Eliminate an element's modes from its blocks K (n, 6, n) and add them to the matrix; rows (3, m, n) and
+    CB (3, m) are scratch."""
+    B, C, stored = out.coupling[e], out.compliance[e], out.slots[e] >= 0
     n, modes = len(B), len(C)
     for b in range(n):
         for j in range(3):
@@ -387,24 +389,24 @@ def _assemble(e: int, out: Tangent, rows: Array, given: Array, K: Array) -> None
                 value = 0.0
                 for k in range(modes):
                     value += B[d, i, k] * C[k, r]
-                given[i, r] = value
+                CB[i, r] = value
         for pair in range(6):
             i, j = PAIRS[pair]
             half = d if pair < 3 else 0
-            begin = 0 if kept else half
+            start = 0 if stored else half
             if modes == 4:  # at once, or the row is read and written four times
-                x0, x1, x2, x3 = given[i, 0], given[i, 1], given[i, 2], given[i, 3]
-                for b in range(begin, n):
+                x0, x1, x2, x3 = CB[i, 0], CB[i, 1], CB[i, 2], CB[i, 3]
+                for b in range(start, n):
                     K[d, pair, b] += (
                         x0 * rows[j, 0, b] + x1 * rows[j, 1, b] + x2 * rows[j, 2, b] + x3 * rows[j, 3, b]
                     )
             else:
                 for r in range(modes):
-                    for b in range(begin, n):
-                        K[d, pair, b] += given[i, r] * rows[j, r, b]
+                    for b in range(start, n):
+                        K[d, pair, b] += CB[i, r] * rows[j, r, b]
             for b in range(half, n):
                 out.data[out.places[e, d, pair, b]] += K[d, pair, b]
-    if kept:  # one by one: for an array set as a whole numba compiles seconds more, its error messages
+    if stored:  # one by one: for an array set as a whole numba compiles seconds more, its error messages
         slot = out.slots[e]
         for d in range(n):
             for pair in range(6):
@@ -415,50 +417,50 @@ def _assemble(e: int, out: Tangent, rows: Array, given: Array, K: Array) -> None
 @machine_code
 def linearise(
     mesh: MeshArrays, law: Law, fields: FieldArrays, past: HistoryArrays,
-    first: int, last: int, out: Balance, to: Tangent,
+    begin: int, end: int, out: Balance, to: Tangent,
 ) -> None:
-    """As `residual`, with the pressure eliminated: condensed forces, and the tangent."""
+    """Fill the condensed element forces, the volume gaps and the tangent."""
     points, n, modes = mesh.G.shape[1], mesh.G.shape[3], mesh.psi.shape[2]
-    ue, at, rows, given = np.empty((3, n)), new_point(), np.empty((3, modes, n)), np.empty((3, modes))
+    ue, point, rows, CB = np.empty((3, n)), new_point(), np.empty((3, modes, n)), np.empty((3, modes))
     work = Work(
         np.empty((points, 3, 3)), np.empty((points, 3, 3, modes)), np.empty((points, 3, 6, n)),
         np.empty((6, 3, 3)), np.empty((n, 6, n)),
     )  # fmt: skip
-    for e in range(first, last):
+    for e in range(begin, end):
         _gathered(fields.u, mesh.connectivity[e], ue)
         for k in range(modes):
             out.gap[e, k] = 0.0
         for q in range(points):
             pressure = _pressure(mesh.psi[e, q], fields.p[e])
-            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
-            J = _stiffness_at(law, past, at, pressure, e, q, work.A)
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, point.F)
+            J = _stiffness_at(law, past, point, pressure, e, q, work.A)
             for k in range(modes):
                 out.gap[e, k] += mesh.w[e, q] * (J - 1.0 - pressure / law.bulk[e]) * mesh.psi[e, q, k]
-            _spread(mesh, at, past.stress[e % len(past.stress), q], J, e, q, work)
+            _spread(mesh, point, past.stress[e % len(past.stress), q], J, e, q, work)
         G = mesh.G[e].reshape(3 * points, n).T
         np.dot(G, work.flux.reshape(3 * points, 3), out.force[e])
         np.dot(G, work.T.reshape(3 * points, 6 * n), work.K.reshape(n, 6 * n))
         np.dot(G, work.spread.reshape(3 * points, 3 * modes), to.coupling[e].reshape(n, 3 * modes))
         _condense(to.compliance[e], to.coupling[e], out.gap[e], out.force[e])
-        _assemble(e, to, rows, given, work.K)
+        _assemble(e, to, rows, CB, work.K)
 
 
 @machine_code
 def at_points(
-    mesh: MeshArrays, law: Law, fields: FieldArrays, past: HistoryArrays, first: int, last: int,
+    mesh: MeshArrays, law: Law, fields: FieldArrays, past: HistoryArrays, begin: int, end: int,
     out: PointTangents,
 ) -> None:
     """Fills the tangents of points."""
-    ue, at = np.empty((3, mesh.connectivity.shape[1])), new_point()
-    for e in range(first, last):
+    ue, point = np.empty((3, mesh.connectivity.shape[1])), new_point()
+    for e in range(begin, end):
         _gathered(fields.u, mesh.connectivity[e], ue)
         for q in range(mesh.G.shape[1]):
             pressure, S = _pressure(mesh.psi[e, q], fields.p[e]), past.stress[e % len(past.stress), q]
-            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, at.F)
-            J = _stiffness_at(law, past, at, pressure, e, q, out.A[e, q])
+            _deformed(mesh.G[e, q], ue, mesh.rest, e, q, point.F)
+            J = _stiffness_at(law, past, point, pressure, e, q, out.A[e, q])
             for i in range(3):
                 for k in range(3):
-                    out.volume[e, q, i, k] = J * at.a[i, k]
+                    out.volume[e, q, i, k] = J * point.a[i, k]
                     for pair in range(3):  # the history stress couples a component with itself
                         out.A[e, q, pair, i, k] += S[i, k]
 
@@ -466,12 +468,13 @@ def at_points(
 @machine_code
 def along(
     mesh: MeshArrays, bulk: Array, tangents: PointTangents, change: Changes,
-    first: int, last: int, out: Balance,
+    begin: int, end: int, out: Balance,
 ) -> None:
-    """Fills force (e, n, 3 v) and gap (v, e, m): how the balance of elements goes along changes."""
+    """Fill force (e, n, 3 v) and gap (v, e, m), the directional derivatives of the balance along v changes.
+    """
     points, n, modes, count = mesh.G.shape[1], mesh.G.shape[3], mesh.psi.shape[2], len(change.u)
     de, flux, dP = np.empty((n, 3 * count)), np.empty((3 * points, 3 * count)), np.empty((3, 3))
-    for e in range(first, last):
+    for e in range(begin, end):
         for v in range(count):
             for r in range(modes):
                 out.gap[v, e, r] = 0.0

@@ -39,7 +39,7 @@ class LayerFaces:
         return np.asarray((self._D @ voigt[..., None])[..., 0], float)
 
     def _strain_of(self, a: Array) -> Array:
-        """dE (f, q, 3, 3 m) per displacement of the faces' nodes."""
+        """Derivative (f, q, 3, 3 m) of the strain by the displacements of the faces' nodes."""
         rows = []
         for k, j in _AB:
             row = np.einsum("qm,fqi->fqmi", self._dN[..., k], a[:, :, j])
@@ -81,6 +81,6 @@ def _wound(A: Array, g: Array) -> Array:
     normal = np.cross(A[..., 0, :], A[..., 1, :])
     t = np.cross(normal, [1.0, 0.0, 0.0])
     t /= np.linalg.norm(t, axis=-1, keepdims=True)
-    own = np.einsum("fqab,fqbi,fqi->fqa", g, A, t)
-    both = np.stack([own[..., a] * own[..., b] for a, b in _AB], axis=-1)
+    components = np.einsum("fqab,fqbi,fqi->fqa", g, A, t)
+    both = np.stack([components[..., a] * components[..., b] for a, b in _AB], axis=-1)
     return np.asarray(both[..., :, None] * both[..., None, :], float)

@@ -74,18 +74,18 @@ class Symmetric:
 
     @property
     def negative(self) -> int | None:
-        """How many eigenvalues of the newest factorised matrix are negative; None from SuperLU, which does
-        not tell."""
+        """Number of negative eigenvalues of the newest factorised matrix; None from SuperLU, which does not
+        report it."""
         return None if self._solver is None else int(self._solver.get_iparm(23))
 
     def solve(self, b: Array) -> Array:
-        """The solution (n,) or (n, k) for right-hand sides `b` of the same shape, with the newest factors."""
+        """Solution (n,) or (n, k) for right-hand sides `b` (n,) or (n, k), with the newest factors."""
         if self._solver is None:
             return np.asarray(self._lu.solve(b))
         return self._call(33, b.reshape(self._n, -1)).reshape(b.shape)
 
     def _call(self, phase: int, b: Array) -> Array:
-        """What PARDISO answers in a phase to right-hand sides (n, k): its solution (n, k)."""
+        """PARDISO's solution (n, k) for right-hand sides (n, k), after a phase of its work."""
         solver: Any = self._solver
         indptr, indices = self._places
         b = np.asfortranarray(b, float)

@@ -1,4 +1,5 @@
-"""The sparse upper triangle of a matrix in which the unknowns of each element meet, and places in it."""
+"""Sparsity pattern (upper triangle, CSR) of a matrix assembled from elements, and positions of entries in it.
+"""
 
 from dataclasses import dataclass
 
@@ -15,32 +16,37 @@ ROWS = 4096  # found at once: a product of the whole weighs as much as the facto
 
 @dataclass(frozen=True)
 class Pattern:
-    """A sparse upper triangle with its diagonal (CSR)."""
+    """Sparse upper triangle with its diagonal (CSR): indptr (n + 1,), indices (nnz,)."""
 
     indptr: Places
     indices: Places
 
     @staticmethod
     def of(unknowns: Integers, size: int) -> "Pattern":
-        """The pattern in which all unknowns (e, k) of an element meet each other; -1 is none of them."""
+        """Pattern in which all unknowns (e, k) of an element are coupled; -1 stands for no unknown.
+
+        >>> pattern = Pattern.of(np.array([[0, 1, -1], [1, 2, -1]]), 3)
+        >>> pattern.indptr, pattern.indices
+        (array([0, 2, 4, 5], dtype=int32), array([0, 1, 1, 2, 2], dtype=int32))
+        """
         e, k = np.nonzero(unknowns >= 0)
         member = sp.csr_matrix((np.ones(len(e), bool), (e, unknowns[e, k])), shape=(len(unknowns), size))
         of, indptr, indices = member.T.tocsr(), [np.zeros(1, np.int32)], []
-        for first in range(0, size, ROWS):
-            part = sp.triu(of[first : first + ROWS] @ member, first, format="csr")
+        for row in range(0, size, ROWS):
+            part = sp.triu(of[row : row + ROWS] @ member, row, format="csr")
             part.sort_indices()
             indptr.append(indptr[-1][-1] + part.indptr[1:])
             indices.append(part.indices)
         return Pattern(np.concatenate(indptr), np.concatenate(indices))
 
-    def joined(self, other: "Pattern") -> "Pattern":
-        """The entries of both."""
+    def joined(self, second: "Pattern") -> "Pattern":
+        """Union of two patterns."""
         size = len(self.indptr) - 1
-        one, two = (
+        a, b = (
             sp.csr_matrix((np.ones(len(q.indices), np.int32), q.indices, q.indptr), shape=(size, size))
-            for q in (self, other)
+            for q in (self, second)
         )
-        both = one + two
+        both = a + b
         both.sort_indices()
         return Pattern(both.indptr, both.indices)
 
@@ -51,12 +57,13 @@ class Pattern:
         return rows, self.indices.astype(np.int64)
 
     def places(self, rows: Integers, columns: Integers, *, mirrored: bool = False) -> Places:
-        """Where the entries (e, a, b) at rows (e, a) and columns (e, b) of its elements are.
+        """Positions (e, a, b) of the entries at rows (e, a) and columns (e, b).
 
-        Those below the diagonal are where their mirror images are if `mirrored`; else, as all at -1, they are
-        nowhere: behind the last.
+        Entries below the diagonal map to their transposed entry if `mirrored`. Otherwise, and for index -1,
+        they map to a dummy slot behind the last entry.
         """
         out = np.empty((*rows.shape, columns.shape[1]), np.int32)
-        own = np.ascontiguousarray(rows), np.ascontiguousarray(columns)  # each kind of array is compiled anew
-        compiled.places(self.indptr, self.indices, *own, mirrored, out)
+        # each kind of array is compiled anew
+        indices = np.ascontiguousarray(rows), np.ascontiguousarray(columns)
+        compiled.places(self.indptr, self.indices, *indices, mirrored, out)
         return out

@@ -14,8 +14,8 @@ FLAT = 1e-6  # of an edge: how far a user's nodes may lie beside their plane of 
 
 
 class PressureFaces:
-    """The faces (f, m) of a pressurised surface of a mesh with `count` nodes; shares (f,) of the pressure, by
-    default all of it."""
+    """Faces (f, m) of a pressurised surface in a mesh of `count` nodes; shares (f,) of the pressure, by
+    default 1."""
 
     def __init__(
         self, faces: Integers | None, element: Element, count: int, shares: Array | None = None
@@ -33,9 +33,9 @@ class PressureFaces:
         if shares is None:
             self.edges = _edges(self.faces, element)
             return
-        own = [(s, _edges(self.faces[shares == s], element)) for s in np.unique(shares).tolist()]
-        self.edges = np.concatenate([edges for _, edges in own])
-        self._edge_shares = {tuple(edge): s for s, edges in own for edge in edges.tolist()}
+        edges_of_share = [(s, _edges(self.faces[shares == s], element)) for s in np.unique(shares).tolist()]
+        self.edges = np.concatenate([edges for _, edges in edges_of_share])
+        self._edge_shares = {tuple(edge): s for s, edges in edges_of_share for edge in edges.tolist()}
 
     def _tangents(self, x: Array) -> tuple[Array, Array]:
         t = np.einsum("fai,qak->kfqi", x[self.faces], self._dN, optimize=True)
@@ -63,15 +63,15 @@ class PressureFaces:
         return out.reshape(faces, 3 * nodes, 3 * nodes)
 
     def open_edges(self, x: Array, free: Flags) -> Integers:
-        """The edges (g, k), of one face alone, along which the work of the pressure depends on the way: not
-        those on held degrees of freedom or in planes of symmetry, to FLAT. x (n, 3) mm, free (3 n,)."""
+        """Free edges (g, k) of single faces along which the work of the pressure depends on the path; edges
+        on held degrees of freedom or in planes of symmetry, to FLAT, are closed. x (n, 3) mm, free (3 n,)."""
         dofs, C = self.antisymmetric(x, self.edges)
         both = free[dofs][:, :, None] & free[dofs][:, None]
         size = np.abs(C)
         return self.edges[(size * both).max(axis=(1, 2), initial=0.0) > FLAT * size.max(initial=0.0)]
 
     def antisymmetric(self, x: Array, edges: Integers) -> tuple[Integers, Array]:
-        """Degrees of freedom (g, 3 k) of edges (g, k), and what they add to the tangent (g, 3 k, 3 k) mm at
+        """Degrees of freedom (g, 3 k) of edges (g, k), and their unsymmetric tangent (g, 3 k, 3 k) mm at
         deformed positions x (n, 3) mm: half the integral of N_a N_b [dx], [v] being the matrix of v x."""
         (s, w), size = gauss(1), edges.shape[1]
         s = s[:, 0]
@@ -88,15 +88,16 @@ class PressureFaces:
 
 
 def _edges(faces: Integers, element: Element) -> Integers:
-    """The edges (g, 2 or 3) of one face alone, each from end to end with its middle node, in their turn."""
-    places, corners, own = element.local[element.faces[0]], element.corners, []
+    """Edges (g, 2 or 3) of single faces, each from end to end with its middle node, in the faces'
+    orientation."""
+    places, corners, edge_nodes = element.local[element.faces[0]], element.corners, []
     for a, b in zip(corners, (*corners[1:], corners[0]), strict=True):
         middle = np.flatnonzero(np.abs(places - (places[a] + places[b]) / 2).max(axis=1) < 1e-9)
-        own.append([a, *middle, b])
-    found = faces[:, own].reshape(-1, len(own[0]))
-    ends = np.sort(found[:, [0, -1]], axis=1)
-    _, first, count = np.unique(ends, axis=0, return_index=True, return_counts=True)
-    return found[first[count == 1]]
+        edge_nodes.append([a, *middle, b])
+    edges = faces[:, edge_nodes].reshape(-1, len(edge_nodes[0]))
+    ends = np.sort(edges[:, [0, -1]], axis=1)
+    _, rows, count = np.unique(ends, axis=0, return_index=True, return_counts=True)
+    return edges[rows[count == 1]]
 
 
 def _cross_matrix(v: Array) -> Array:

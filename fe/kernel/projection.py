@@ -1,8 +1,8 @@
-"""The closest places of curved faces to points, found by Newton's method, compiled by numba.
+"""Closest point of a curved face to a given point, by Newton's method, compiled by numba.
 
-A face is a polynomial x(s, t) = sum of P_k s^i t^j with k = 3 i + j, whatever its element. The closest place
-is where x - y is normal to the face (Konyukhov & Schweizerhof 2006, doi 10.1007/s00466-005-0028-4, for where
-it exists).
+A face is a polynomial x(s, t) = sum of P_k s^i t^j with k = 3 i + j, for every kind of element. At the
+closest point x - y is normal to the face (Konyukhov & Schweizerhof 2006, doi 10.1007/s00466-005-0028-4, on
+its existence).
 """
 
 from typing import NamedTuple
@@ -18,8 +18,8 @@ BEHIND = 1e-3  # of half a face's length: how far behind a face a point may lie 
 
 
 class Candidates(NamedTuple):
-    """Faces slave (s,), their points' positions y (s, q, 3) mm and unit normals (s, q, 3), at_rest (s, q, 3)
-    mm; the faces that may be near: master[indptr[k] : indptr[k + 1]]."""
+    """Slave faces (s,) with the positions y (s, q, 3) mm of their points, unit normals (s, q, 3), positions
+    at_rest (s, q, 3) mm; candidates for contact: master[indptr[k] : indptr[k + 1]]."""
 
     slave: Integers
     y: Array
@@ -41,11 +41,15 @@ def polynomials(element: Element) -> Array:
 
 
 def powers(s: Array, t: Array) -> Array:
-    """The powers s^i t^j (6, k, 9) at places s, t (k,), and their derivatives s, t, ss, st, tt."""
-    one, none = np.ones_like(s), np.zeros_like(s)
+    """Powers s^i t^j (6, k, 9) at coordinates s, t (k,), and their derivatives by s, t, ss, st, tt.
+
+    >>> powers(np.array([2.0]), np.array([3.0]))[0]
+    array([[ 1.,  3.,  9.,  2.,  6., 18.,  4., 12., 36.]])
+    """
+    ones, none = np.ones_like(s), np.zeros_like(s)
 
     def row(x: Array, order: int) -> Array:
-        return np.stack([(one, x, x * x), (none, one, 2 * x), (none, none, 2 * one)][order], axis=-1)
+        return np.stack([(ones, x, x * x), (none, ones, 2 * x), (none, none, 2 * ones)][order], axis=-1)
 
     orders = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
     return np.stack([np.einsum("ki,kj->kij", row(s, a), row(t, b)).reshape(-1, 9) for a, b in orders])
@@ -53,7 +57,7 @@ def powers(s: Array, t: Array) -> Array:
 
 @part
 def _place(P: Array, s: float, t: float, out: Array) -> None:
-    """Fills out (6, 3) with x and its derivatives s, t, ss, st, tt."""
+    """Fill out (6, 3) with x and its derivatives by s, t, ss, st, tt."""
     for c in range(3):
         a = P[0, c] + s * (P[3, c] + s * P[6, c])
         b = P[1, c] + s * (P[4, c] + s * P[7, c])
@@ -74,7 +78,7 @@ def _dot(a: Array, b: Array) -> float:
 
 @part
 def _upright(x: Array, n: Array) -> None:
-    """Fills n (3,) with the unit normal of a place x (6, 3), out of the material."""
+    """Fill n (3,) with the outward unit normal at a face point x (6, 3)."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         n[i] = x[1, j] * x[2, k] - x[1, k] * x[2, j]
@@ -85,7 +89,7 @@ def _upright(x: Array, n: Array) -> None:
 
 @part
 def _solved(P: Array, y: Array, simplex: bool, x: Array, apart: Array, st: Array) -> bool:
-    """Whether a closest place st (2,) was found; fills x (6, 3) there, and y - x."""
+    """True if the closest point, at coordinates st (2,), was found; fills x (6, 3) there, and y - x."""
     st[0] = st[1] = 1 / 3 if simplex else 0.0
     for turn in range(TURNS):
         _place(P, st[0], st[1], x)
@@ -114,7 +118,7 @@ def _solved(P: Array, y: Array, simplex: bool, x: Array, apart: Array, st: Array
 
 @part
 def _within(simplex: bool, st: Array) -> bool:
-    """Whether a place is on a face."""
+    """True if coordinates st (2,) lie on the face, extended by EDGE."""
     if simplex:
         return min(st[0], st[1], 1 - st[0] - st[1]) > -EDGE / 2
     return max(abs(st[0]), abs(st[1])) < 1 + EDGE
@@ -122,7 +126,7 @@ def _within(simplex: bool, st: Array) -> bool:
 
 @part
 def _far(ball: Array, y: Array, touch: float) -> bool:
-    """Whether a point cannot touch a face, by its ball."""
+    """True if a point cannot touch a face, by the face's bounding sphere and height."""
     square = along = 0.0
     for i in range(3):
         square += (y[i] - ball[i]) ** 2
@@ -135,16 +139,15 @@ def nearest(
     near: Candidates, ball: Array, P: Array, rest: Array, simplex: bool, touch: float,
     which: Integers, st: Array, depth: Array,
 ) -> None:
-    """Fills for every point (s, q) the face that it touches, or -1, the place st (s, q, 2) there, and the
-    depth (s, q) mm below it, above -touch.
+    """Fill, for every point (s, q), the face in contact or -1, its coordinates st (s, q, 2), and the depth
+    (s, q) mm, which is above -touch.
 
-    ball (f, 8): the faces' middles and their normals, radii and heights above their middles in mm. P, rest
-    (f, 9, 3) mm: the faces' polynomials now and at rest. Touched is the nearest face that looks the
-    point's face in the eye, that the point lay in front of at rest, and under which it is by no more than
-    the face is long.
+    ball (f, 8): middle, normal, radius and height of every face in mm. P, rest (f, 9, 3) mm: polynomials of
+    the faces, deformed and at rest. In contact is the nearest face that faces the point's own face, had the
+    point in front of it at rest, and is penetrated by less than its length.
     """
     x, x0, n, n0 = np.empty((6, 3)), np.empty((6, 3)), np.empty(3), np.empty(3)
-    apart, at = np.empty(3), np.empty(2)
+    apart, local = np.empty(3), np.empty(2)
     for k in range(len(near.slave)):
         for q in range(near.y.shape[1]):
             which[k, q], best = -1, 1e300
@@ -152,18 +155,18 @@ def nearest(
                 m = near.master[c]
                 if _far(ball[m], near.y[k, q], touch):
                     continue
-                if not _solved(P[m], near.y[k, q], simplex, x, apart, at) or not _within(simplex, at):
+                if not _solved(P[m], near.y[k, q], simplex, x, apart, local) or not _within(simplex, local):
                     continue
                 _upright(x, n)
                 d = -_dot(apart, n)
                 long = 2 * np.sqrt(max(_dot(x[1], x[1]), _dot(x[2], x[2])))
                 if d <= -touch or d > long or abs(d) >= best or _dot(n, near.normal[k, q]) >= 0:
                     continue
-                _place(rest[m], at[0], at[1], x0)
+                _place(rest[m], local[0], local[1], x0)
                 _upright(x0, n0)
                 for i in range(3):
                     apart[i] = near.at_rest[k, q, i] - x0[0, i]
                 if _dot(apart, n0) < -BEHIND * long / 2:
                     continue
                 which[k, q], best, depth[k, q] = m, abs(d), d
-                st[k, q, 0], st[k, q, 1] = at[0], at[1]
+                st[k, q, 0], st[k, q, 1] = local[0], local[1]

@@ -18,7 +18,7 @@ from fe.kernel.pattern import Pattern, Places
 
 
 class Reduced:
-    """As `Symmetric`, of all unknowns, with followers by T (n, m): a row of it is one unknown."""
+    """Solver like `Symmetric` for all unknowns, with the dependent ones x = T y, T (n, m)."""
 
     def __init__(self, pattern: Pattern, T: sp.csr_matrix) -> None:
         self._T = T
@@ -31,21 +31,21 @@ class Reduced:
 
     @property
     def count(self) -> int:
-        """How many times it was factorised."""
+        """Number of factorisations."""
         return self._matrix.count
 
     @property
     def negative(self) -> int | None:
-        """How many eigenvalues of the reduced matrix are negative; None where that is not told."""
+        """Number of negative eigenvalues of the reduced matrix; None if the solver does not report it."""
         return self._matrix.negative
 
     def solve(self, b: Array) -> Array:
-        """All unknowns (n,) or (n, k) for right-hand sides of the same shape."""
+        """All unknowns (n,) or (n, k) for right-hand sides (n,) or (n, k)."""
         return np.asarray(self._T @ self._matrix.solve(np.asarray(self._T.T @ b)))
 
 
 def _products(pattern: Pattern, T: sp.csr_matrix) -> tuple[sp.csr_matrix, Places, Places]:
-    """How the upper triangle of T^T K T comes of that of K, and its pattern (CSR)."""
+    """Matrix that maps the upper triangle of K to the upper triangle of T^T K T, and its pattern (CSR)."""
     size = T.shape[1]
     row = np.repeat(np.arange(len(pattern.indptr) - 1), np.diff(pattern.indptr))
     column, count = pattern.indices.astype(np.int64), np.diff(T.indptr)
@@ -70,7 +70,8 @@ def _products(pattern: Pattern, T: sp.csr_matrix) -> tuple[sp.csr_matrix, Places
 
 @dataclass(frozen=True)
 class Wider:
-    """The wider pattern, where (nnz,) the entries of the narrow one are in it, and its solver."""
+    """A pattern with room for faces that touch each other: narrow (nnz,), the positions of the original
+    entries in it, and its solver."""
 
     pattern: Pattern
     narrow: Places
@@ -78,7 +79,8 @@ class Wider:
 
     @staticmethod
     def of(narrow: Pattern, unknowns: Integers, solver: Callable[[Pattern], Symmetric | Reduced]) -> "Wider":
-        """The pattern in which the unknowns (g, k) of each group meet each other, too; -1 is none of them."""
+        """The pattern `narrow`, extended by couplings between all unknowns (g, k) of each group; -1 stands
+        for no unknown."""
         pattern = narrow.joined(Pattern.of(unknowns, len(narrow.indptr) - 1))
         rows, columns = narrow.entries
         places = pattern.places(rows[:, None], columns[:, None]).ravel()
@@ -96,7 +98,13 @@ KRYLOV = 60
 
 
 def addition(parts: Sequence[tuple[Integers, Array]], size: int) -> csr_matrix:
-    """The matrix (size, size) of small ones (g, k, k) at degrees of freedom (g, k)."""
+    """Sparse matrix (size, size) of dense blocks (g, k, k) at degrees of freedom (g, k).
+
+    >>> addition([(np.array([[0, 2]]), np.array([[[1.0, 2.0], [3.0, 4.0]]]))], 3).toarray()
+    array([[1., 0., 2.],
+           [0., 0., 0.],
+           [3., 0., 4.]])
+    """
     out = csr_matrix((size, size))
     for dofs, C in parts:
         r, c = np.broadcast_arrays(dofs[:, :, None], dofs[:, None])
@@ -105,19 +113,19 @@ def addition(parts: Sequence[tuple[Integers, Array]], size: int) -> csr_matrix:
 
 
 def coupled(C: csr_matrix, u: Array, answer: Callable[[Array], Array]) -> Array:
-    """The forces f (n,) N of an addition to a tangent, f = C (u + answer(f)), by GMRES (Saad & Schultz 1986,
-    doi 10.1137/0907058).
+    """Forces f (n,) N of an unsymmetric addition to a tangent, f = C (u + answer(f)), by GMRES (Saad &
+    Schultz 1986, doi 10.1137/0907058).
 
-    C (n, n) N/mm: the addition; u (n,) mm: the change without it; answer: the change (n,) mm that residual
-    forces (n,) N bring about. The nearest f found is taken where it does not come to rest.
+    C (n, n) N/mm: the addition; u (n,) mm: the solution without it; answer: the change (n,) mm due to
+    residual forces (n,) N. If GMRES does not converge, its best f is used.
     """
     rows = np.flatnonzero(np.diff(C.indptr))
-    own = C[rows]
+    C_rows = C[rows]
 
     def spread(f: Array) -> Array:
         out = np.zeros(len(u))
         out[rows] = f
         return out
 
-    left = LinearOperator((len(rows),) * 2, matvec=lambda f: f - own @ answer(spread(f)), dtype=float)
-    return spread(gmres(left, own @ u, rtol=LEFT, restart=KRYLOV, maxiter=1)[0])
+    operator = LinearOperator((len(rows),) * 2, matvec=lambda f: f - C_rows @ answer(spread(f)), dtype=float)
+    return spread(gmres(operator, C_rows @ u, rtol=LEFT, restart=KRYLOV, maxiter=1)[0])

@@ -1,4 +1,4 @@
-"""Displacements that follow others: surfaces tied to each other, and linear equations between nodes."""
+"""Dependent displacements: surfaces tied to each other, and linear equations between nodes."""
 
 from dataclasses import dataclass
 
@@ -24,31 +24,31 @@ class Dependence:
     weights: sp.csr_matrix
 
     def followed(self, u: Array) -> Array:
-        """Displacements (n, 3) mm in which those that follow do so."""
+        """Displacements (n, 3) mm with the dependent ones updated."""
         out = u.copy()
         out.reshape(-1)[self.dofs] = self.weights @ u.ravel()
         return out
 
 
 def slaves(case: Case, tie: Tie) -> tuple[Integers, Integers, Array, Array]:
-    """The nodes (k,) of a tie's first surface that lie within its reach of the second and not on its nodes;
-    the nodes (k, m) of the faces that they follow, their weights (k, m) and the places (k, 3) mm there."""
+    """Nodes (k,) of a tie's slave surface within its reach of the master and not on its nodes; node rows (k,
+    m) of the master faces, their weights (k, m) and the closest points (k, 3) mm."""
     faces = case.face_nodes(tie.master)
-    own = np.setdiff1d(case.face_nodes(tie.slave), faces)
+    nodes = np.setdiff1d(case.face_nodes(tie.slave), faces)
     corners = case.nodes[faces[:, list(case.element.corners)]]
-    near = cKDTree(corners.mean(axis=1)).query(case.nodes[own], k=min(CANDIDATES, len(faces)))[1]
-    near = near.reshape(len(own), -1)
-    weights, places = _nearest(case.element, case.nodes[faces[near]], case.nodes[own])
-    away = np.linalg.norm(places - case.nodes[own][:, None], axis=2)
-    best, every = away.argmin(axis=1), np.arange(len(own))
+    near = cKDTree(corners.mean(axis=1)).query(case.nodes[nodes], k=min(CANDIDATES, len(faces)))[1]
+    near = near.reshape(len(nodes), -1)
+    weights, places = _nearest(case.element, case.nodes[faces[near]], case.nodes[nodes])
+    away = np.linalg.norm(places - case.nodes[nodes][:, None], axis=2)
+    best, every = away.argmin(axis=1), np.arange(len(nodes))
     within = away[every, best] <= tie.reach
     chosen = every[within], best[within]
-    return own[within], faces[near[chosen]], weights[chosen], places[chosen]
+    return nodes[within], faces[near[chosen]], weights[chosen], places[chosen]
 
 
 def _nearest(kind: Element, faces: Array, x: Array) -> tuple[Array, Array]:
-    """Of places x (k, 3) the nearest ones (k, c, 3) on faces (k, c, m, 3), and the faces' shape functions (k,
-    c, m) there: by Gauss-Newton's method, held inside the face."""
+    """Closest points (k, c, 3) to x (k, 3) on faces (k, c, m, 3), and shape functions (k, c, m) there, by
+    Gauss-Newton, clipped to the face."""
     line = np.linspace(0.0 if kind.simplex else -1.0, 1.0, SAMPLES)
     grid = kind.clipped_to_face(np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2))
     N = kind.on_face(grid)[0]
@@ -67,24 +67,24 @@ def _nearest(kind: Element, faces: Array, x: Array) -> tuple[Array, Array]:
 
 
 def dependence(case: Case) -> Dependence | None:
-    """What follows in a case by its ties and equations, but for what supports or the clamp hold; None where
-    nothing does. ValueError where nodes follow each other in a circle, or one has two to follow."""
+    """Dependent displacements by a case's ties and equations, except where supports or the clamp hold them;
+    None if there are none. ValueError where nodes depend on each other in a circle."""
     if not case.ties and not case.equations:
         return None
     size, held = 3 * len(case.nodes), case.supported
     held[case.clamped] = True
     rows, columns, values = list[Integers](), list[Integers](), list[Array]()
     for tie in case.ties:
-        own, faces, weights, _ = slaves(case, tie)
+        nodes, faces, weights, _ = slaves(case, tie)
         for d in range(3):
-            rows.append(np.repeat(3 * own + d, faces.shape[1]))
+            rows.append(np.repeat(3 * nodes + d, faces.shape[1]))
             columns.append((3 * faces + d).ravel())
             values.append(weights.ravel())
-    at = dict(zip(case.labels.tolist(), range(len(case.labels)), strict=True))
+    row_of = dict(zip(case.labels.tolist(), range(len(case.labels)), strict=True))
     for equation in case.equations:
         (label, component, factor), *others = equation.terms
-        rows.append(np.full(len(others), 3 * at[label] + component))
-        columns.append(np.array([3 * at[n] + d for n, d, _ in others], int))
+        rows.append(np.full(len(others), 3 * row_of[label] + component))
+        columns.append(np.array([3 * row_of[n] + d for n, d, _ in others], int))
         values.append(np.array([-f / factor for _, _, f in others]))
     if not rows:
         return None
@@ -93,15 +93,15 @@ def dependence(case: Case) -> Dependence | None:
 
 
 def _resolved(rows: Integers, columns: Integers, values: Array, held: Flags, size: int) -> Dependence | None:
-    """What follows, by what is free or held alone."""
-    kept = ~held[rows] & (values != 0)
+    """Dependent displacements in terms of independent or held ones."""
+    free = ~held[rows] & (values != 0)
     dofs = np.unique(rows[~held[rows]])
     if not len(dofs):
         return None
     number = np.full(size, -1)
     number[dofs] = np.arange(len(dofs))
     weights = sp.csr_matrix(
-        (values[kept], (number[rows[kept]], columns[kept])), shape=(len(dofs), size)
+        (values[free], (number[rows[free]], columns[free])), shape=(len(dofs), size)
     )
     for _ in range(DEEPEST):
         again = np.flatnonzero(number[weights.indices] >= 0)
@@ -117,7 +117,7 @@ def _resolved(rows: Integers, columns: Integers, values: Array, held: Flags, siz
 
 
 def _spread(dofs: Integers, weights: sp.csr_matrix, size: int) -> sp.csr_matrix:
-    """The matrix (size, size) that leaves what is free and replaces what follows."""
+    """Matrix (size, size): identity on independent displacements, `weights` on dependent ones."""
     free = np.ones(size)
     free[dofs] = 0.0
     place = sp.csr_matrix((np.ones(len(dofs)), (dofs, np.arange(len(dofs)))), shape=(size, len(dofs)))

@@ -16,7 +16,12 @@ def converted(case: Case, kind: str) -> Case:
 
     Hexahedra keep their number; every hexahedron gives six tetrahedra (Kuhn 1960), number 6 k to 6 k + 5 of
     hexahedron k. Nodes that no element uses are left out. ValueError where tetrahedra of neighbours would not
-    fit each other, as it is on a lattice of type `ring`.
+    match, as on a lattice of type `ring`.
+
+    >>> from fe import Lattice, Material, finger_case
+    >>> case = finger_case(Material(C10=0.1), lattice=Lattice(per_bellow=1))
+    >>> converted(case, "C3D20RH").connectivity.shape == (len(case.connectivity), 20)
+    True
     """
     if kind in _TETS:
         changed = _into_tetrahedra(case, kind)
@@ -31,26 +36,26 @@ def converted(case: Case, kind: str) -> Case:
 
 
 def filled(case: Case, kind: str, u: Array) -> Array:
-    """Displacements (k, n, 3) of all nodes of a case of hex27 from those u (k, n, 3) of the nodes that its
-    hexahedra of type `kind` have: what their shape functions give at the others.
+    """Displacements (k, n, 3) of all nodes of a hex27 case, interpolated from displacements u (k, n, 3) of
+    the nodes that hexahedra of type `kind` have.
 
     Where an element is curved, its other nodes lie a little beside the places that the same coordinates have
     in a hexahedron without them: the field is followed there along its slope, so that a linear one is exact.
     """
     element = ELEMENTS[kind]
-    own = case.connectivity[:, _same_places(element.local)]
+    nodes = case.connectivity[:, _same_places(element.local)]
     values, slopes = element.shape(HEX27.local)  # (27, m), (27, m, 3)
-    x = case.nodes[own]  # (e, m, 3)
+    x = case.nodes[nodes]  # (e, m, 3)
     off = case.nodes[case.connectivity] - values @ x  # (e, 27, 3)
     along = np.einsum("imd,emc->eicd", slopes, x)
     weights = values + np.einsum("imd,eid->eim", slopes, np.linalg.solve(along, off[..., None])[..., 0])
     out = np.array(u, float)
-    out[:, case.connectivity] = np.einsum("eim,kemc->keic", weights, out[:, own])
+    out[:, case.connectivity] = np.einsum("eim,kemc->keic", weights, out[:, nodes])
     return out
 
 
 def kept_nodes(case: Case, kind: str) -> Integers:
-    """The nodes (m,) of a case of hex27 that its hexahedra of type `kind` have."""
+    """Rows (m,) of the nodes of a hex27 case that hexahedra of type `kind` have."""
     return np.unique(case.connectivity[:, _same_places(ELEMENTS[kind].local)])
 
 
@@ -91,8 +96,8 @@ def _check_conforming(triangles: Integers) -> None:
     Then its four triangles are single and share their corners two by two: more than the surface has.
     """
     ordered = np.sort(triangles, axis=1)
-    _, first, count = np.unique(ordered, axis=0, return_index=True, return_counts=True)
-    edges = np.sort(ordered[first[count == 1]][:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
+    _, rows, count = np.unique(ordered, axis=0, return_index=True, return_counts=True)
+    edges = np.sort(ordered[rows[count == 1]][:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
     _, met = np.unique(edges, axis=0, return_counts=True)
     if (met % 2).any() or (count > 2).any() or (met > 2).any():
         raise ValueError(

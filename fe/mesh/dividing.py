@@ -1,10 +1,11 @@
-"""The lattice that a finger's dimensions ask for: as fine for its shape as the default is for its own.
+"""The lattice of cells for a finger's dimensions: as fine for its shape as the default is for the default
+finger.
 
 The default lattice is the cheapest within 2 % of the limit on the default finger
 (docs/records/meshes.md). Six things make it too coarse on another one: long pleats or thin tops, steep
 pleat walls, pleats much deeper in the middle than at the sides, flat walls that bulge like plates, thick
-walls, and a chamber so short that its ends and corners count.
-`benchmarks/batches/batches.py` measures what is left on random fingers.
+walls, and a chamber so short that its ends and corners count. `benchmarks/batches/batches.py` measures what
+is left on random fingers.
 """
 
 from dataclasses import replace
@@ -24,7 +25,13 @@ THICK = 0.2  # wall over half the width or over the height, at most, where one c
 
 
 def lattice_of(finger: Finger) -> Lattice:
-    """The lattice for a finger; the default one for the default finger."""
+    """Lattice of cells for a finger; the default one for the default finger.
+
+    >>> lattice_of(Finger()) == Lattice()
+    True
+    >>> lattice_of(Finger(side=5.0)).wall  # thick walls
+    2
+    """
     base = Lattice()
     half, height = finger.width / 2, finger.height
     thick = max(finger.side / half, finger.bottom / height, finger.top / height) > THICK
@@ -42,10 +49,10 @@ def lattice_of(finger: Finger) -> Lattice:
 
 
 def _along(finger: Finger, least: int) -> int:
-    """Cells a pleat."""
+    """Cells along a pleat."""
     steep = STEEPER if finger.flatness or _sheared(finger) else 1.0
-    wanted = least * max(finger.pitch / (CELL * finger.top), 1.0) * steep
-    return max(least, min(int(np.ceil(wanted)), CELLS // finger.bellows))
+    cells = least * max(finger.pitch / (CELL * finger.top), 1.0) * steep
+    return max(least, min(int(np.ceil(cells)), CELLS // finger.bellows))
 
 
 def _across(finger: Finger) -> int:
@@ -57,5 +64,5 @@ def _across(finger: Finger) -> int:
 
 
 def _sheared(finger: Finger) -> bool:
-    """Whether the pleats' crests fall off so much to the sides that the top wall is sheared there."""
+    """True if the crests fall off so steeply towards the sides that they shear the top wall."""
     return 2 * finger.pleat - finger.side_pleat > SHEARED * finger.pitch

@@ -1,4 +1,4 @@
-"""The shape of a mesh's elements: how far each is from the ideal one."""
+"""Measures of the shape of a mesh's elements: Jacobian ratio, edge ratio, angles."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -52,7 +52,7 @@ def quality(case: Case) -> tuple[Measure, ...]:
 
 
 def _edges(kind: Element) -> list[tuple[int, int]]:
-    """The edges of an element, by the corners at their ends: those that two faces share."""
+    """Edges of an element by their end corners: pairs of corners that two faces share."""
     faces = [set(face[list(kind.corners)].tolist()) for face in kind.faces]
     shared = {frozenset(a & b) for a, b in combinations(faces, 2)}
     return [(min(pair), max(pair)) for pair in sorted(shared, key=sorted) if len(pair) == 2]
@@ -60,11 +60,11 @@ def _edges(kind: Element) -> list[tuple[int, int]]:
 
 def _angles(X: Array, kind: Element) -> Array:
     """The angles (e, k) at the corners of all faces, degrees."""
-    found = []
+    angles = []
     for face in kind.faces:
         ring = face[list(kind.corners)]
         for before, here, after in zip(np.roll(ring, 1), ring, np.roll(ring, -1), strict=True):
             a, b = X[:, before] - X[:, here], X[:, after] - X[:, here]
             cosine = (a * b).sum(axis=1) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
-            found.append(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-    return np.stack(found, axis=1)
+            angles.append(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    return np.stack(angles, axis=1)

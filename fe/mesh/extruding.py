@@ -1,7 +1,7 @@
-"""Cells of a section, extruded along x, some of them void -> a half model with a chamber, as a `Case`.
+"""Half model with a chamber from the cells of a section extruded along x; some cells are void.
 
 The cells lie in a reference box, where those that share a node have it at one place; a map then brings the
-nodes to their places in the body. What is cut out of the body from outside is left out of the cells.
+nodes to their places in the body. Notches in the body from outside are left out of the cells.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -60,36 +60,53 @@ def hollow_case(
 
 
 def between(stops: Sequence[float], counts: Sequence[int]) -> Array:
-    """Cell boundaries: the stretches between these stops divided evenly into so many cells each."""
+    """Cell boundaries: every stretch between two stops, divided evenly into its count of cells.
+
+    >>> between([0.0, 1.0, 3.0], [2, 1])
+    array([0. , 0.5, 1. , 3. ])
+    """
     parts = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(stops[:-1], stops[1:], counts, strict=True)]
     return np.append(np.concatenate(parts), stops[-1])
 
 
 def facing(case: Case, surface: str, axis: int, place: float) -> Integers:
-    """The faces (f, 2) of a surface that lie in the plane x[axis] = place, mm."""
+    """Faces (f, 2) of a surface that lie in the plane x[axis] = place, mm."""
     near = np.abs(case.nodes[case.face_nodes(surface), axis] - place) < _ON
     return np.asarray(case.surfaces[surface][near.all(axis=1)], np.int64)
 
 
 def box_grid(y: Array, z: Array) -> Array:
-    """Quadrilaterals (c, 4, 2) of a section between cell boundaries y and z."""
+    """Quadrilaterals (c, 4, 2) of a section between cell boundaries y and z.
+
+    >>> box_grid(np.array([0.0, 1.0]), np.array([0.0, 2.0]))[0].tolist()
+    [[0.0, 0.0], [1.0, 0.0], [1.0, 2.0], [0.0, 2.0]]
+    """
     return grid_quads(np.stack(np.meshgrid(y, z, indexing="ij"), axis=-1))
 
 
 def path(y: Array | float, z: Array | float) -> Array:
-    """Points (n, 2) of a section along a line of constant y or z."""
+    """Points (n, 2) of a section along a line of constant y or z.
+
+    >>> path(np.array([0.0, 1.0]), 5.0).tolist()
+    [[0.0, 5.0], [1.0, 5.0]]
+    """
     return np.stack(np.broadcast_arrays(np.asarray(y, float), np.asarray(z, float)), axis=-1)
 
 
 def grid_quads(p: Array) -> Array:
-    """Cells (c, 4, 2), in the order (0,0) (1,0) (1,1) (0,1) of the two lattice directions of points (a, b,
-    2)."""
+    """Cells (c, 4, 2) of a lattice of points (a, b, 2), in the order (0,0) (1,0) (1,1) (0,1) of its two
+    directions."""
     return np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], axis=2).reshape(-1, 4, 2)
 
 
 def extruded(quads: Array, x: Array) -> Array:
     """Reference positions (stations, c, 27, 3) of tri-quadratic cells; xi runs along x, (eta, zeta) in the
-    section."""
+    section.
+
+    >>> quads = box_grid(np.linspace(0.0, 2.0, 3), np.array([0.0, 1.0]))
+    >>> extruded(quads, np.linspace(0.0, 9.0, 4)).shape
+    (3, 2, 27, 3)
+    """
     t = np.array([0.0, 0.5, 1.0])
     eta, zeta = np.meshgrid(t, t, indexing="ij")  # [j, k]
     corner = np.stack([(1 - eta) * (1 - zeta), eta * (1 - zeta), eta * zeta, (1 - eta) * zeta])
@@ -104,8 +121,8 @@ def extruded(quads: Array, x: Array) -> Array:
 def _merge(points: Array) -> tuple[Array, Integers]:
     """Distinct points (n, 3), in the order x, y, z, and the rows (e, 27) of `points` (e, 27, 3)."""
     keys = np.round(points.reshape(-1, 3) * 1e6).astype(np.int64)
-    _, first, rows = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    return points.reshape(-1, 3)[first], rows.reshape(points.shape[:2])
+    _, index, rows = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return points.reshape(-1, 3)[index], rows.reshape(points.shape[:2])
 
 
 def _interface(cells: Integers, solid: Flags) -> tuple[Integers, Integers]:
@@ -122,13 +139,14 @@ def _interface(cells: Integers, solid: Flags) -> tuple[Integers, Integers]:
 
 
 def _labels(nodes: Array, marks: Mapping[int, Place]) -> Integers:
-    """1-based numbers, exchanged so that these labels sit at the nodes nearest to their places."""
+    """Node numbers (n,) from 1, exchanged so that the labels in `marks` lie at the nodes nearest to their
+    places."""
     n = len(nodes)
     labels = np.arange(1, n + 1)
     for label, position in marks.items():
         row = int(np.argmin(np.linalg.norm(nodes - np.array(position), axis=1)))
-        other = np.flatnonzero(labels == label)
-        if len(other):
-            labels[other[0]] = labels[row]
+        holder = np.flatnonzero(labels == label)
+        if len(holder):
+            labels[holder[0]] = labels[row]
         labels[row] = label
     return labels

@@ -23,6 +23,9 @@ class Finger:
     Both marked nodes lie on the flat lower edge of the side face. middle_node is the node of the default mesh
     whose U3 comes nearest to the reference study's -19 mm where the tip moves by -58 mm. `marked` places both
     on a finger of other dimensions.
+
+    >>> Finger(length=92.0, bellows=8).pitch
+    10.25
     """
 
     length: float = 110.0
@@ -57,8 +60,8 @@ class Finger:
 
 @dataclass(frozen=True, kw_only=True)
 class Lattice:
-    """How a finger is divided: cells per bellow, per wall, per fillet, per middle span, per cap; section
-    topology.
+    """Division of a finger into cells: cells per bellow, per wall, per fillet, per middle span, per cap;
+    section topology.
 
     ring: walls divided by mitred corners (an O-grid), not by straight lines. centred: a cell's middle, not a
     boundary, at every crest and valley, whose bend one cell then follows. The default is the cheapest of
@@ -89,9 +92,9 @@ def _stations(g: Finger, m: Lattice) -> Array:
     fillet = np.linspace(0, g.radius, m.fillet + 1)
     caps = np.linspace(0, start, m.caps + 1)[:-1], np.linspace(end, g.length, m.caps + 1)[1:]
     # the rest of the first and last pleat cell is divided as finely as the fillet beside it
-    first = np.linspace(start + g.radius, inner[0], m.fillet + 1)[1:-1]
-    last = np.linspace(inner[-1], end - g.radius, m.fillet + 1)[1:-1]
-    stops = np.concatenate([caps[0], start + fillet, first, inner, last, end - fillet[::-1], caps[1]])
+    lead = np.linspace(start + g.radius, inner[0], m.fillet + 1)[1:-1]
+    tail = np.linspace(inner[-1], end - g.radius, m.fillet + 1)[1:-1]
+    stops = np.concatenate([caps[0], start + fillet, lead, inner, tail, end - fillet[::-1], caps[1]])
     return between(list(stops), [m.refine] * (len(stops) - 1))
 
 
@@ -110,7 +113,7 @@ def _section_block(g: Finger, m: Lattice) -> tuple[Array, Flags]:
 
 
 def _section_ring(g: Finger, m: Lattice) -> tuple[Array, Flags]:
-    """The same section as an O-grid of walls with mitred corners around a lattice core."""
+    """The reference half section as an O-grid of walls with mitred corners around a lattice core."""
     w, top, r = g.width / 2, g.height - g.top, g.radius
     wall, fillet, across, up = (m.refine * n for n in (m.wall, m.fillet, m.across, m.up))
     y = between([0, w - g.side - r, w - g.side], [across, fillet])
@@ -165,8 +168,7 @@ def _fold(p: Array, g: Finger) -> Array:
 
 
 def marked(finger: Finger) -> Finger:
-    """The finger with its tip node at its end and its middle node about where the default has it: a quarter
-    into a bellow."""
+    """The finger with its tip node at its end and its middle node a quarter into a bellow near its middle."""
     y, bellow = finger.width / 2, min(round(5 / 9 * finger.bellows), finger.bellows - 1)
     middle = finger.base_cap + (bellow + 0.25) * finger.pitch
     return replace(finger, tip_node=(finger.length, y, 0.0), middle_node=(middle, y, 0.0))
@@ -175,11 +177,18 @@ def marked(finger: Finger) -> Finger:
 def finger_case(
     material: Material, *, finger: Finger | None = None, lattice: Lattice | None = None, full: bool = False
 ) -> Case:
-    """The half model (y >= 0) of a finger, clamped at x = 0, with a follower pressure on the chamber.
+    """Half model (y >= 0) of a finger, clamped at x = 0, with a follower pressure on the chamber.
 
     material is the one silicone; finger (mm) and lattice default to the bundled geometry and mesh; full: the
     whole finger instead of its half. Node sets: clamp, symmetry, tip_face; surfaces: chamber, outside. The
     labels of `NAMED_NODES` are the tip and middle nodes, on the marked side y = width / 2.
+
+    >>> coarse = Lattice(per_bellow=2)
+    >>> case = finger_case(Material(C10=0.1), lattice=coarse)
+    >>> len(case.connectivity), len(case.nodes), case.element.name
+    (173, 2235, 'hex27')
+    >>> case.position(NAMED_NODES["tip"])
+    array([110. ,  11.5,   0. ])
     """
     g, m = finger or Finger(), lattice or Lattice()
     quads, core = (_section_ring if m.ring else _section_block)(g, m)

@@ -1,7 +1,7 @@
-"""Node positions of a mesh whose pressurised surface is moved while its outer surface stays.
+"""Node positions of a mesh whose chamber surface moves while its outer surface stays.
 
-What the inner surface moves by is spread through the walls as a harmonic field (Laplace's equation on the
-mesh itself). It needs no parametric geometry: any mesh with a named chamber can have its walls changed.
+The displacement of the inner surface is extended through the walls as a harmonic field (Laplace's equation on
+the mesh itself). No parametric geometry is needed: the walls of any mesh with a named chamber can be changed.
 """
 
 from dataclasses import dataclass
@@ -38,8 +38,8 @@ class Inside:
         self._solvers = [splu(self._laplace[~f][:, ~f].tocsc()) for f in self._fixed.T]
 
     def spread(self, moved: Array) -> Array:
-        """Displacements (n, 3) mm of all nodes, where those of the inner surface move by `moved` (k, 3) mm,
-        those of the outer surface stay, and planes of symmetry stay planes."""
+        """Harmonic extension (n, 3) mm of displacements `moved` (k, 3) mm of the inner surface: zero on the
+        outer surface, tangential in planes of symmetry."""
         out = np.zeros((len(self._held), 3))
         out[self.rows] = moved
         out[self._held] = 0.0
@@ -50,20 +50,20 @@ class Inside:
 
 @dataclass(frozen=True)
 class _Key:
-    """What the inner surface depends on: the mesh, its chamber and its supports."""
+    """Cache key of an inner surface: mesh, chamber and supports."""
 
     case: Any
     digest: str
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and other.digest == self.digest
+    def __eq__(self, key: object) -> bool:
+        return isinstance(key, _Key) and key.digest == self.digest
 
     def __hash__(self) -> int:
         return hash(self.digest)
 
 
 def inside(case: Case) -> Inside:
-    """The inner surface of a case, made once for a mesh. ValueError without a pressurised surface."""
+    """Inner surface of a case, cached by mesh. ValueError without a pressurised surface."""
     held = [(s.nodes, s.components, case.node_sets[s.nodes]) for s in case.supports]
     surface = case.surfaces[case.pressurised] if case.pressurised else ()
     parts = [case.element.name, case.nodes, case.connectivity, surface, *(x for h in held for x in h)]
@@ -76,8 +76,8 @@ def _inside(key: _Key) -> Inside:
 
 
 def least_volume_ratio(case: Case, nodes: Array) -> float:
-    """The smallest ratio of a changed to an old volume at any quadrature point, where the nodes of a case
-    are at `nodes` (n, 3) mm: not positive where an element is inside out."""
+    """Smallest ratio of new to old volume at any quadrature point, with nodes moved to `nodes` (n, 3) mm; not
+    positive if an element is inverted."""
     _, dN = case.element.at_points
     jacobian = (
         np.einsum("eai,qaJ->eqiJ", x[case.connectivity], dN, optimize=True) for x in (case.nodes, nodes)
@@ -95,7 +95,7 @@ def _laplacian(case: Case) -> sp.csr_matrix:
 
 
 def _held_by_symmetry(case: Case) -> Any:
-    """Flags (n, 3) of the components that supports of one component alone hold at zero."""
+    """Flags (n, 3) of components that supports of a single component hold at zero."""
     held = np.zeros((len(case.nodes), 3), bool)
     for s in case.supports:
         if len(s.components) == 1 and s.value is None:
@@ -107,8 +107,8 @@ def _outer_nodes(case: Case) -> Integers:
     """The nodes of the skin but for the chamber's faces and planes of symmetry."""
     assert case.pressurised
     faces, width = free_faces(case), len(case.element.faces)
-    own = case.surfaces[case.pressurised] @ [width, 1]
-    faces = faces[~np.isin(faces @ [width, 1], own)]
+    chamber = case.surfaces[case.pressurised] @ [width, 1]
+    faces = faces[~np.isin(faces @ [width, 1], chamber)]
     nodes = np.take_along_axis(case.connectivity[faces[:, 0]], case.element.faces[faces[:, 1]], axis=1)
     on_plane = _held_by_symmetry(case)[nodes].all(axis=1).any(axis=1)
     return np.unique(nodes[~on_plane])

@@ -12,8 +12,8 @@ _SAME = 1e-6  # of the structure's size: nodes that near to a plane lie on it
 
 
 def symmetry_support(case: Case) -> Support | None:
-    """The support that stands for the other half: it holds component U2 alone, of all nodes of a plane
-    across y which bounds the structure; None where there is none."""
+    """The support that models the symmetry plane: it holds component U2 alone, at all nodes of a plane across
+    y which bounds the structure; None if there is none."""
     along = case.nodes[:, AXIS]
     near = _SAME * float(np.ptp(case.nodes, axis=0).max())
     for s in case.supports:
@@ -28,7 +28,7 @@ def symmetry_support(case: Case) -> Support | None:
 
 
 def middle_plane(case: Case) -> float:
-    """Where y of the plane is in mm that a half model is symmetric about, or of the middle of a whole one."""
+    """Coordinate y in mm of a half model's plane of symmetry, or of the middle of a whole model."""
     held, along = symmetry_support(case), case.nodes[:, AXIS]
     return float(along[case.node_sets[held.nodes][0]] if held else (along.min() + along.max()) / 2)
 
@@ -37,9 +37,14 @@ def mirrored(case: Case) -> Case:
     """The whole structure of a half model that is supported by its plane of symmetry across y.
 
     Nodes of the half keep their rows and labels; images come after them. Every set holds both halves; forces
-    and prescribed displacements are there twice, an obstacle's spring is twice as stiff, and a clamp is as
-    compliant to the moment of the whole as it was to twice that of the half. ValueError where there is no
-    such plane.
+    and prescribed displacements are doubled, an obstacle's spring is twice as stiff, and the clamp's
+    compliance is halved. ValueError where there is no such plane.
+
+    >>> from fe import Lattice, Material, finger_case
+    >>> case = finger_case(Material(C10=0.1), lattice=Lattice(per_bellow=1))
+    >>> whole = mirrored(case)
+    >>> len(whole.connectivity) == 2 * len(case.connectivity), symmetry_support(whole) is None
+    (True, True)
     """
     held = symmetry_support(case)
     if held is None:
@@ -54,20 +59,20 @@ def mirrored(case: Case) -> Case:
     image[off] = count + np.arange(len(off))
     flip = np.ones(3)
     flip[AXIS] = -1.0
-    other = case.nodes[off] * flip
-    other[:, AXIS] += 2 * case.nodes[on[0], AXIS]
+    images = case.nodes[off] * flip
+    images[:, AXIS] += 2 * case.nodes[on[0], AXIS]
     order, faces = _reflected(case.element)
     sets = {name: _both(rows, image) for name, rows in case.node_sets.items()}
     forces: dict[str, Array] = {}
     growing: dict[str, Array] = {}
-    for given, twice in ((case.forces, forces), (case.growing, growing)):
-        for name, force in given.items():
+    for forces_of_half, twice in ((case.forces, forces), (case.growing, growing)):
+        for name, force in forces_of_half.items():
             for end, rows, turned in (("half", case.node_sets[name], force), ("image", None, force * flip)):
                 sets[f"{name}_{end}"] = image[case.node_sets[name]] if rows is None else rows
                 twice[f"{name}_{end}"] = np.asarray(turned, float)
     return replace(
         case,
-        nodes=np.concatenate([case.nodes, other]),
+        nodes=np.concatenate([case.nodes, images]),
         labels=np.concatenate([case.labels, case.labels.max() + 1 + np.arange(len(off))]),
         blocks=(*case.blocks, *(Block(b.type, image[b.connectivity[:, order]]) for b in case.blocks)),
         node_sets=sets,
@@ -85,13 +90,13 @@ def mirrored(case: Case) -> Case:
 
 
 def _doubled(contact: Contact) -> Contact:
-    """The contact of the whole: of a spring there was half."""
+    """The contact of the whole model: its spring is twice as stiff."""
     spring = contact.spring and replace(contact.spring, stiffness=2 * contact.spring.stiffness)
     return replace(contact, spring=spring)
 
 
 def _both(rows: Integers, image: Integers) -> Integers:
-    """The rows of a set and those of its image that are not in it."""
+    """Rows of a set, followed by the rows of its mirror image that are not in it."""
     return np.concatenate([rows, np.setdiff1d(image[rows], rows)])
 
 
@@ -106,13 +111,13 @@ def _support(s: Support, case: Case, image: Integers, flip: Array) -> Support:
 
 
 def _reflected(element: Element) -> tuple[Integers, Integers]:
-    """The order of an element's nodes in its mirror image, which must not be inside out, and the number that
-    each face has there."""
+    """Order of an element's nodes in its mirror image, with positive volume, and the face number of each face
+    there."""
     local = element.local.copy()
     if element.simplex:
         local[:, [0, 1]] = local[:, [1, 0]]
     else:
         local[:, 0] *= -1
     order = np.array([int(np.abs(element.local - x).sum(axis=1).argmin()) for x in local])
-    found = [{int(np.flatnonzero(order == a)[0]) for a in face} for face in element.faces]
-    return order, np.array([[set(f.tolist()) for f in element.faces].index(s) for s in found])
+    images = [{int(np.flatnonzero(order == a)[0]) for a in face} for face in element.faces]
+    return order, np.array([[set(f.tolist()) for f in element.faces].index(s) for s in images])

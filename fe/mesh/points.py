@@ -1,4 +1,4 @@
-"""The sparse operator that interpolates nodal values at material points; the nearest point of a body."""
+"""Sparse operator that interpolates nodal values at material points; nearest point of a body."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,8 +13,13 @@ ROUNDING_MM = 1e-9
 def interpolation(case: Case, points: Array) -> sp.csr_matrix:
     """Operator (p, n) with the shape functions of undeformed `points` (p, 3) mm.
 
-    Raises ValueError for a point more than 1e-2 of its element's size outside the structure: by as much the
-    surfaces of meshes differ that follow one geometry.
+    Raises ValueError for a point more than 1e-2 of its element's size outside the structure: meshes of one
+    geometry differ by as much.
+
+    >>> from fe import Lattice, Material, finger_case
+    >>> case = finger_case(Material(C10=0.1), lattice=Lattice(per_bellow=1))
+    >>> (interpolation(case, np.array([[110.0, 11.5, 0.0]])) @ case.nodes).round(6)
+    array([[110. ,  11.5,   0. ]])
     """
     rows, cols, values = [], [], []
     for r, x in enumerate(np.atleast_2d(points)):
@@ -40,7 +45,7 @@ def _locate(case: Case, x: Array) -> tuple[int, Array]:
 
 
 def nearest(case: Case, x: Array) -> Array:
-    """The material point (3,) mm of the structure that is nearest to the place x (3,) mm: itself inside."""
+    """Material point (3,) mm of the structure nearest to x (3,) mm; x itself inside the structure."""
     X, kind = case.nodes[case.connectivity], case.element
     box = np.linalg.norm(np.maximum(np.maximum(X.min(1) - x, x - X.max(1)), 0.0), axis=1)
     best, away = x, np.inf
@@ -54,7 +59,7 @@ def nearest(case: Case, x: Array) -> Array:
 
 
 def _within(kind: Element, X: Array, x: Array) -> Array:
-    """Local coordinates of the element's point nearest to x; of a tetrahedron, where the way from its middle
+    """Local coordinates of the element's point nearest to x; in a tetrahedron, where the line from its centre
     to x leaves it."""
     xi = _inverse(kind, X, x)
     if kind.simplex:
@@ -87,7 +92,13 @@ SHRINK = 30  # times the search's step is halved: from a quarter to 1e-10 of a f
 
 
 def nearest_on_faces(kind: Element, faces: Array, x: Array) -> Array:
-    """The place (3,) mm on faces (f, m, 3) mm of elements of one kind that is nearest to x (3,) mm."""
+    """Point (3,) mm nearest to x (3,) mm on faces (f, m, 3) mm of elements of one kind.
+
+    >>> from fe.element import ELEMENTS
+    >>> square = np.array([[[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]])
+    >>> nearest_on_faces(ELEMENTS["C3D8"], square, np.array([0.5, 3.0, 1.0])).round(6)
+    array([0.5, 2. , 0. ])
+    """
     grid = np.linspace(0.0 if kind.simplex else -1.0, 1.0, SAMPLES)
     st = kind.clipped_to_face(np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2))
     away = np.linalg.norm(np.einsum("km,fmi->fki", kind.on_face(st)[0], faces) - x, axis=2)
@@ -96,8 +107,8 @@ def nearest_on_faces(kind: Element, faces: Array, x: Array) -> Array:
 
 
 def _narrowed(kind: Element, faces: Array, x: Array, st: Array) -> Array:
-    """The place (3,) nearest to x of faces (f, m, 3) mm, by searches about their points st (f, 2) that
-    narrow."""
+    """Point (3,) nearest to x on faces (f, m, 3) mm, by grid searches of shrinking size about face
+    coordinates st (f, 2)."""
     around = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 5)] * 2), axis=-1).reshape(-1, 2)
     every = np.arange(len(faces))
     for step in 0.25 * 0.5 ** np.arange(SHRINK):

@@ -1,7 +1,7 @@
-"""The same structure on a finer or richer mesh: its geometry, sets, surfaces and supports are kept.
+"""The structure on a finer or richer mesh, with its geometry, sets, surfaces and supports.
 
 Children are placed by their parent's own shape functions. Polynomials of every element's kind go over into
-polynomials of that kind in each part of it, so that the geometry is the same, curved faces included.
+polynomials of that kind in each part, so that the geometry is exact, curved faces included.
 """
 
 from dataclasses import replace
@@ -21,13 +21,19 @@ _UNIT = 512  # shape functions at the children's nodes are whole multiples of 1 
 
 
 def refined(case: Case) -> Case:
-    """The case with every element divided into eight of its own type. Old nodes keep their labels."""
+    """The case with every element divided into eight of its type. Old nodes keep their labels.
+
+    >>> from fe import Lattice, Material, finger_case
+    >>> case = finger_case(Material(C10=0.1), lattice=Lattice(per_bellow=1))
+    >>> len(refined(case).connectivity) == 8 * len(case.connectivity)
+    True
+    """
     return _divided(case, case.element, _parts(case.element))
 
 
 def enriched(case: Case) -> Case:
-    """A case with the same elements as 27-node hexahedra, or, of 4-node tetrahedra, as 10-node ones.
-    ValueError for those that are the richest there are."""
+    """The case with 27-node hexahedra, or with 10-node tetrahedra in place of 4-node ones, on its own
+    geometry. ValueError for elements that cannot be enriched."""
     if case.element.simplex and len(case.element.local) == 4:
         tet = ELEMENTS["C3D10"]
         return _divided(case, tet, tet.local[None])
@@ -54,14 +60,14 @@ def _divided(case: Case, kind: Element, local: Array) -> Case:
     parents, (children, n, _) = case.connectivity, local.shape
     weights = case.element.shape(local.reshape(-1, 3))[0]  # (c n, m)
     # the same node has the same weights on the same nodes, in whichever element: a linear hash tells them
-    whole = np.rint(weights * _UNIT).astype(np.int64)
+    numerators = np.rint(weights * _UNIT).astype(np.int64)
     code = np.random.default_rng(0).integers(-(2**62), 2**62, len(case.nodes))
-    keys, first, number = np.unique(code[parents] @ whole.T, return_index=True, return_inverse=True)
+    keys, index, number = np.unique(code[parents] @ numerators.T, return_index=True, return_inverse=True)
     old = np.searchsorted(keys, code * _UNIT)  # places of the old nodes, which are all among the new ones
     order = np.concatenate([old, np.setdiff1d(np.arange(len(keys)), old)])
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
-    owner, which = np.divmod(first[order], children * n)
+    owner, which = np.divmod(index[order], children * n)
     W, rows = weights[which], parents[owner]  # (new, m)
     added = case.labels.max(initial=0) + 1 + np.arange(len(order) - len(case.nodes))
 
@@ -88,23 +94,23 @@ def _numbers(elements: Integers, children: int) -> Integers:
 
 
 def _inside(members: Integers, W: Array, rows: Integers, count: int) -> Integers:
-    """The new nodes of a set: those placed by its own nodes only."""
-    own = np.zeros(count, bool)
-    own[members] = True
-    return np.flatnonzero((own[rows] | (W == 0)).all(axis=1))
+    """Rows of the new nodes in a set: those interpolated from its members alone."""
+    member = np.zeros(count, bool)
+    member[members] = True
+    return np.flatnonzero((member[rows] | (W == 0)).all(axis=1))
 
 
 def _faces(kind: Element, new: Element, weights: Array, faces: Integers, children: int) -> Integers:
-    """The faces (f, 2) of the children that lie on `faces` (k, 2) of their parents."""
+    """Faces (f, 2) of the children that lie on `faces` (k, 2) of their parents."""
     used = (weights != 0).reshape(children, -1, len(kind.local))
     out = []
     for face, corners in enumerate(kind.faces):
         off: Flags = np.ones(len(kind.local), bool)
         off[corners] = False
         on = ~(used & off).any(axis=2)  # (c, n): nodes of the children that lie on the face
-        part, own = np.nonzero(on[:, new.faces].all(axis=2))
+        part, face_of_part = np.nonzero(on[:, new.faces].all(axis=2))
         parents = faces[faces[:, 1] == face, 0]
-        rows = np.broadcast_arrays(children * parents[:, None] + part, own)
+        rows = np.broadcast_arrays(children * parents[:, None] + part, face_of_part)
         out.append(np.stack(rows, axis=-1).reshape(-1, 2))
     return np.concatenate(out)
 
@@ -118,12 +124,16 @@ def _support(s: Support, case: Case, sets: dict[str, Integers], spread: object) 
 
 
 def free_faces(case: Case) -> Integers:
-    """The faces (f, 2) = (element, face) that belong to one element alone: the whole skin."""
+    """Faces (f, 2) = (element, face) that belong to a single element: the whole skin."""
     return unshared(case.element, case.connectivity)
 
 
 def unshared(kind: Element, connectivity: Integers) -> Integers:
-    """As `free_faces`, of elements (e, m) of one kind."""
+    """Faces (f, 2) that belong to a single element, of elements (e, m) of one kind.
+
+    >>> len(unshared(ELEMENTS["C3D8"], np.arange(8)[None]))
+    6
+    """
     nodes = np.sort(connectivity[:, kind.faces[:, list(kind.corners)]], axis=2)  # (e, faces, corners)
     _, group, count = np.unique(
         nodes.reshape(-1, nodes.shape[2]), axis=0, return_inverse=True, return_counts=True

@@ -1,4 +1,4 @@
-"""The skin of a case, which may touch itself."""
+"""Self-contact of a whole skin."""
 
 from dataclasses import replace
 
@@ -11,8 +11,8 @@ SKIN = "skin"
 
 
 def closing(case: Case) -> Case:
-    """The case whose walls cannot pass through each other: neither the faces under pressure, nor all other
-    free ones (the surface SKIN), those in planes of symmetry and of the clamp aside."""
+    """The case with self-contact: the pressurised faces cannot pass through each other, nor can the other
+    free faces (the surface SKIN), except in planes of symmetry and at the clamp."""
     faces, width = free_faces(case), len(case.element.faces)
     nodes = np.take_along_axis(case.connectivity[faces[:, 0]], case.element.faces[faces[:, 1]], axis=1)
     held = case.supported

@@ -1,4 +1,4 @@
-"""A force at one place, shared out to the nodes around it so that force and moment stay the same."""
+"""A point force as equivalent nodal forces with equal resultant and moment."""
 
 from dataclasses import dataclass
 
@@ -16,25 +16,24 @@ FAR = 2.0  # times RADIUS that a place may lie from the nearest node
 
 @dataclass(frozen=True)
 class Spread:
-    """Nodes `rows` (k,) and the parts (k,) of a force that they carry; of half a model the parts of the
-    half."""
+    """Nodes `rows` (k,) that carry a force, and their shares (k,); in a half model the shares of the half."""
 
     rows: Integers
     parts: Array
 
     def added(self, dead: Array, force: Array) -> Array:
-        """Nodal forces (n, 3) N with a force (3,) N put on."""
+        """Nodal forces (n, 3) N plus a force (3,) N."""
         out = dead.copy()
         out[self.rows] += self.parts[:, None] * force
         return out
 
 
 def spread(case: Case, place: Array) -> Spread:
-    """How the nodes within RADIUS of a material point (3,) mm share a force there.
+    """Shares of a force at a material point (3,) mm among the nodes within RADIUS.
 
-    The parts are affine in the nodes' positions: the least that has the whole force and its moment about the
-    place. In half a model the images of its nodes count, and the place must lie on the plane of symmetry.
-    ValueError where no node is near, or the place lies beside that plane.
+    The shares are affine in the nodes' positions: the least ones with the whole force and no moment about the
+    point. In a half model the images of its nodes count, and the point must lie on the plane of symmetry.
+    ValueError where no node is near, or the point lies beside that plane.
     """
     away = np.linalg.norm(case.nodes - place, axis=1)
     if away.min() > FAR * RADIUS:
@@ -57,6 +56,6 @@ def spread(case: Case, place: Array) -> Spread:
     images = images[rows]
     axes = [i for i in range(3) if held is None or i != AXIS]
     affine = np.column_stack([np.ones(len(rows)), (case.nodes[rows] - place)[:, axes] / RADIUS])
-    wanted = np.append(1.0, np.zeros(len(axes)))
-    parts = affine @ np.linalg.lstsq(affine.T @ (images[:, None] * affine), wanted, rcond=None)[0]
+    moments = np.append(1.0, np.zeros(len(axes)))
+    parts = affine @ np.linalg.lstsq(affine.T @ (images[:, None] * affine), moments, rcond=None)[0]
     return Spread(rows, parts * images / (1.0 if held is None else 2.0))

@@ -1,7 +1,7 @@
-"""Hexahedra, wedges and tetrahedra of one mesh as 10-node tetrahedra on the same nodes.
+"""Division of hexahedra, wedges and tetrahedra of a mesh into 10-node tetrahedra on its nodes.
 
-Every element is a cone from its node of the smallest label over the faces that do not have it; every square
-is cut along the diagonal from its own smallest label, so that neighbours fit each other (Dompierre, Labbe,
+Every element is a cone from its node of the smallest label over the faces that do not contain it; every
+square is cut along the diagonal from its own smallest label, so that neighbours match (Dompierre, Labbe,
 Vallet & Camarero 1999, How to subdivide pyramids, prisms and hexahedra into tetrahedra, section 3).
 """
 
@@ -24,13 +24,17 @@ class Solid:
 
     @property
     def corners(self) -> int:
-        """How many corners it has."""
+        """Number of corners.
+
+        >>> SOLIDS["C3D15"].corners, len(SOLIDS["C3D15"].edges)
+        (6, 9)
+        """
         return len({c for face in self.faces for c in face})
 
     def on_face(self, face: int) -> list[int]:
         """The nodes on a face, middle nodes behind the corners."""
-        own = self.faces[face]
-        return [*own, *(k for k, pair in enumerate(self.edges, self.corners) if set(pair) <= set(own))]
+        on = self.faces[face]
+        return [*on, *(k for k, pair in enumerate(self.edges, self.corners) if set(pair) <= set(on))]
 
 
 def _of(kind: str) -> Solid:
@@ -57,9 +61,9 @@ SOLIDS = {
 
 @dataclass(frozen=True)
 class Divided:
-    """Tetrahedra by the labels of their nodes (t, 10), the element (t,) that each is part of, by row; faces
-    (k, 4): face of an element, (row, face), and the face of a tetrahedron on it, (row, face); made: the nodes
-    that are new, each with its place (3,) mm and the labels of the corners that it lies between."""
+    """Result of a division: tetrahedra by node labels (t, 10) and their parent elements (t,), by row. faces
+    (k, 4): face of an element, (row, face), and face of a tetrahedron on it, (row, face). made: new nodes,
+    each with its place (3,) mm and the labels of the corners between which it lies."""
 
     connectivity: Integers
     parents: Integers
@@ -68,39 +72,44 @@ class Divided:
 
 
 def divided(cells: Sequence[tuple[str, Sequence[int]]], places: Mapping[int, Array]) -> Divided:
-    """Elements (type of SOLIDS, labels of nodes) as tetrahedra; places {label: (3,) mm}."""
+    """Tetrahedra of elements (type of SOLIDS, node labels), with places {label: (3,) mm}.
+
+    >>> cube = {n: x for n, x in enumerate(ELEMENTS["C3D8"].local)}
+    >>> len(divided([("C3D8", range(8))], cube).parents)
+    6
+    """
     middles: dict[tuple[int, int], int] = {}
     for kind, row in cells:
         solid = SOLIDS[kind]
         for (a, b), middle in zip(solid.edges, row[solid.corners :], strict=True):
             middles[_pair(row[a], row[b])] = middle
-    made: dict[int, tuple[Array, tuple[int, ...]]] = {}
+    new_nodes: dict[int, tuple[Array, tuple[int, ...]]] = {}
     free = 1 + max(places)
     connectivity, parents, faces = list[list[int]](), list[int](), list[tuple[int, int, int, int]]()
     order = ELEMENTS["C3D10"]
     edges = SOLIDS["C3D10"].edges
     for number, (kind, row) in enumerate(cells):
         solid = SOLIDS[kind]
-        at = np.array([places[n] for n in row])
+        x = np.array([places[n] for n in row])
         for four in _cone(solid, row):
-            if np.linalg.det(at[list(four[1:])] - at[four[0]]) < 0:
+            if np.linalg.det(x[list(four[1:])] - x[four[0]]) < 0:
                 four = (four[0], four[2], four[1], four[3])
             tet = [row[c] for c in four]
             for a, b in edges:
                 pair = _pair(tet[a], tet[b])
                 if pair not in middles:
                     middles[pair] = free
-                    made[free] = _between(solid, row, at, four[a], four[b])
+                    new_nodes[free] = _between(solid, row, x, four[a], four[b])
                     free += 1
                 tet.append(middles[pair])
-            for f, own in enumerate(order.faces[:, :3]):
-                on = {four[c] for c in own}
+            for f, corners in enumerate(order.faces[:, :3]):
+                on = {four[c] for c in corners}
                 there = (k for k, face in enumerate(solid.faces) if on <= set(face))
                 faces += [(number, k, len(parents), f) for k in there]
             connectivity.append(tet)
             parents.append(number)
     return Divided(
-        np.array(connectivity, np.int64), np.array(parents, np.int64), np.array(faces, np.int64), made
+        np.array(connectivity, np.int64), np.array(parents, np.int64), np.array(faces, np.int64), new_nodes
     )
 
 
@@ -109,7 +118,7 @@ def _pair(a: int, b: int) -> tuple[int, int]:
 
 
 def _cone(solid: Solid, row: Sequence[int]) -> list[tuple[int, int, int, int]]:
-    """The tetrahedra of an element by its corners."""
+    """Tetrahedra of an element by its corners."""
     top = min(range(solid.corners), key=row.__getitem__)
     out = []
     for face in solid.faces:
@@ -122,22 +131,21 @@ def _cone(solid: Solid, row: Sequence[int]) -> list[tuple[int, int, int, int]]:
 
 
 def _between(
-    solid: Solid, row: Sequence[int], at: Array, a: int, b: int
+    solid: Solid, row: Sequence[int], x: Array, a: int, b: int
 ) -> tuple[Array, tuple[int, ...]]:
-    """The place of a new node between two corners of an element at (n, 3) mm, and the corners that it lies
-    between: on an edge, in the middle of a square, or in that of the element (shape functions of 8 or 20
-    nodes)."""
+    """Place of a new node between two corners of an element at x (n, 3) mm, and the corners around it: two of
+    an edge, four of a square, or all of the element (shape functions of 8 or 20 nodes)."""
     edge = {frozenset(pair) for face in solid.faces for pair in zip(face, (*face[1:], face[0]), strict=True)}
     if frozenset((a, b)) in edge:
         corners: tuple[int, ...] = (a, b)
     else:
         every = tuple(range(solid.corners))
         corners = next((face for face in solid.faces if {a, b} <= set(face)), every)
-    own = [k + solid.corners for k, pair in enumerate(solid.edges) if set(pair) <= set(corners)]
-    place = at[list(corners)].mean(axis=0)
-    if own and len(corners) > 2:
+    middles = [k + solid.corners for k, pair in enumerate(solid.edges) if set(pair) <= set(corners)]
+    place = x[list(corners)].mean(axis=0)
+    if middles and len(corners) > 2:
         # 4 corners: weights -1/4 and 4 x 1/2; 8 corners: -1/4 and 12 x 1/4
-        place = at[own].sum(axis=0) * (2.0 / len(corners) if len(corners) == 4 else 0.25) - 0.25 * at[
+        place = x[middles].sum(axis=0) * (2.0 / len(corners) if len(corners) == 4 else 0.25) - 0.25 * x[
             list(corners)
         ].sum(axis=0)
     return place, tuple(row[c] for c in corners)

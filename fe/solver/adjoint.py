@@ -1,11 +1,10 @@
-"""Derivatives towards a memory that the base has not: creep and softening at their null, for any number of
-laws at once.
+"""Derivatives towards creep and softening from a base without memory, for any number of laws at once.
 
-Without a memory the base is a function U(q) of pressure, and so are its tangent K and its stress S. What a
-law with a little memory changes in the stress, dS(t), follows from the base's own past. The answer of an
-observed displacement is l . f, where f are the nodal forces of dS and l, the answer to a unit force there, is
-the adjoint field K(q) l = -e. Adjoint fields are found at the levels of the curve only, and are interpolated
-between them as the curve's derivatives are. Creep is linear in the past of the stress: with S interpolated
+Without memory the base is a function U(q) of pressure, and so are its tangent K and its stress S. A small
+memory changes the stress by dS(t), which follows from the base's own history. The response of an observed
+displacement is l . f, where f are the nodal forces of dS and l, the response to a unit force there, is the
+adjoint field K(q) l = -e. Adjoint fields are computed at the levels of the curve only, and interpolated
+between them as the curve's derivatives are. Creep is linear in the history of the stress: with S interpolated
 between levels, too, every time constant costs a recursion over numbers, not over fields.
 """
 
@@ -30,9 +29,9 @@ from fe.solver.sensitivity import Differenced
 
 @dataclass(frozen=True)
 class NullTangents:
-    """Parameters by number whose neighbours differ from the base by nothing but a memory; the base has none.
+    """Parameters, by number, whose neighbouring problems differ from a base without memory by a memory alone.
 
-    pressure (t,) MPa: that of the curve at the log times.
+    pressure (t,) MPa: the curve's pressure at the log times.
     """
 
     loadings: Loadings
@@ -52,13 +51,13 @@ class NullTangents:
         shape = (len(self.loadings.path.output), operator.shape[0], 3)
         out = {n: np.zeros((shape[0], 3 * shape[1])) for n in self.varied}
         for n, rows in self._creep(creeping, fields).items():
-            out[n] += rows + self._bent(creeping[n], operator).reshape(rows.shape)
+            out[n] += rows + self._secant_correction(creeping[n], operator).reshape(rows.shape)
         for n, rows in self._softening(softening, fields).items():
             out[n] += rows
         return {n: rows.reshape(shape) for n, rows in out.items()}
 
     def _shares(self, time: Array) -> Array:
-        """How much (k, l) each level of all curves, in turn, has in a value at times (k,) s."""
+        """Interpolation weights (k, l) of the levels of all curves, in turn, at times (k,) s."""
         q = np.interp(time, self.loadings.path.time, self.pressure)
         number, parts = self.loadings.at(time), []
         for k, curve in enumerate(self.curves):
@@ -69,67 +68,68 @@ class NullTangents:
     # -- creep ----------------------------------------------------------------------------------------------
 
     def _creep(self, varied: Mapping[int, Differenced], fields: Sequence[Array]) -> dict[int, Array]:
-        """Rows (s, 3 p) by number: with what the Prony series leave of the stress of every level."""
+        """Derivatives (s, 3 p) by number due to Prony relaxation of the levels' stresses."""
         if not varied:
             return {}
         path, base = self.loadings.path, self.loadings.problems[0]
         sides = [q.constants.prony for v in varied.values() for q in (v.plus, v.minus)]
         # elements that no side tells apart make one group
         rows = np.concatenate([np.moveaxis(s, 2, 1).reshape(-1, s.shape[1]) for s in sides])
-        _, first, group = np.unique(rows, axis=1, return_index=True, return_inverse=True)
-        answers = _answers(base, self.curves, fields, group.reshape(-1), len(first))  # (l, 3 p, g, l)
+        _, group_row, group = np.unique(rows, axis=1, return_index=True, return_inverse=True)
+        answers = _answers(base, self.curves, fields, group.reshape(-1), len(group_row))  # (l, 3 p, g, l)
         before, now = self._shares(path.time), self._shares(path.output)
         out = {}
         for k, (n, v) in enumerate(varied.items()):
             plus, minus = (
-                np.stack([_remaining(side[:, e], path.time, before, path.output) for e in first])
+                np.stack([_remaining(side[:, e], path.time, before, path.output) for e in group_row])
                 for side in sides[2 * k : 2 * k + 2]
             )
             change = (plus - minus) / (2 * v.step)  # (g, s, l)
             out[n] = np.einsum("sl,lpgm,gsm->sp", now, answers, change, optimize=True)
         return out
 
-    def _bent(self, v: Differenced, operator: csr_matrix) -> Array:
-        """What (s, p, 3) a secant over a wide step adds to the tangent at null: that of the states at the
-        creep-equivalent pressures of the two sides, of which the tangent is known, too."""
+    def _secant_correction(self, v: Differenced, operator: csr_matrix) -> Array:
+        """Correction (s, p, 3) of the tangent at null to a secant over a wide step: the secant between the
+        states at the creep-equivalent pressures of both sides, less its own tangent."""
         path, number = self.loadings.path, self.loadings.at(self.loadings.path.output)
         plus, minus = (
             np.interp(path.output, path.time, Course.of(q, path, path.time).pressure)
             for q in (v.plus, v.minus)
         )
         here = np.interp(path.output, path.time, self.pressure)
-        left = [
+        remaining = [
             _remaining(series(q), path.time, self.pressure[:, None], path.output)[:, 0]
             for q in (v.plus, v.minus)
         ]
-        slope = (left[1] - left[0]) / (2 * v.step)
+        slope = (remaining[1] - remaining[0]) / (2 * v.step)
         out = np.empty((len(here), operator.shape[0], 3))
         for k, curve in enumerate(self.curves):
-            own = number == k
-            there = curve.values(operator, plus[own]) - curve.values(operator, minus[own])
-            along = curve.values(operator, here[own], 1)
-            out[own] = there / (2 * v.step) - slope[own, None, None] * along
+            rows = number == k
+            there = curve.values(operator, plus[rows]) - curve.values(operator, minus[rows])
+            along = curve.values(operator, here[rows], 1)
+            out[rows] = there / (2 * v.step) - slope[rows, None, None] * along
         return out
 
     # -- softening ------------------------------------------------------------------------------------------
 
     def _softening(self, varied: Mapping[int, Differenced], fields: Sequence[Array]) -> dict[int, Array]:
-        """Rows (s, 3 p) by number: with what softening takes off the stress where it is below the largest
-        energy so far, at the times of a history."""
+        """Derivatives (s, 3 p) by number due to softening below the largest energy so far, at the times of a
+        history."""
         if not varied:
             return {}
         path = self.loadings.path
         time = knots(path, softening=True)
         forces = self._softened(time, list(varied.values()))
-        shares, found = self._shares(time), np.zeros((len(varied), len(time), len(fields[0][0])))
+        shares, responses = self._shares(time), np.zeros((len(varied), len(time), len(fields[0][0])))
         begin = 0
-        for own in fields:
-            part = shares[:, begin : begin + len(own)]
-            begin += len(own)
-            answer = forces.reshape(-1, forces.shape[-1]) @ own.reshape(-1, own.shape[-1]).T
-            found += np.einsum("kl,vklp->vkp", part, answer.reshape(*forces.shape[:2], *own.shape[:2]))
+        for adjoints in fields:
+            part = shares[:, begin : begin + len(adjoints)]
+            begin += len(adjoints)
+            answer = forces.reshape(-1, forces.shape[-1]) @ adjoints.reshape(-1, adjoints.shape[-1]).T
+            answer = answer.reshape(*forces.shape[:2], *adjoints.shape[:2])
+            responses += np.einsum("kl,vklp->vkp", part, answer)
         weights = in_time(path, time, softening=True)
-        return {n: weights @ rows for n, rows in zip(varied, found, strict=True)}
+        return {n: weights @ rows for n, rows in zip(varied, responses, strict=True)}
 
     def _softened(self, time: Array, varied: Sequence[Differenced]) -> Array:
         """Nodal forces (v, k, 3 n) N per unit at times (k,) s."""
@@ -161,7 +161,7 @@ def _softens(v: Differenced) -> bool:
 
 
 def _drop(problem: Problem, response: Response, peak: Array) -> Array:
-    """What softening takes off the scale (e, q) of the stress; it is on the long-term part."""
+    """Reduction (e, q) of the stress scale by softening; it acts on the long-term part."""
     c = problem.constants
     if not len(c.softening) or response.energy is None:
         return np.zeros_like(peak)
@@ -169,7 +169,7 @@ def _drop(problem: Problem, response: Response, peak: Array) -> Array:
 
 
 def _adjoints(problem: Problem, curve: Curve, operator: csr_matrix) -> Array:
-    """Adjoint fields (l, 3 p, 3 n) mm per N of every level: of the points' components in turn."""
+    """Adjoint fields (l, 3 p, 3 n) mm per N at every level, one for each component of each point."""
     count, out = operator.shape[0], []
     rows, dense = problem.kernel.dofs // 3, operator.toarray()
     for k, load in enumerate(curve.pressure):
@@ -188,31 +188,31 @@ def _adjoints(problem: Problem, curve: Curve, operator: csr_matrix) -> Array:
 def _answers(
     problem: Problem, curves: Sequence[Curve], fields: Sequence[Array], group: Integers, count: int
 ) -> Array:
-    """Answers (l, 3 p, g, m) mm at every level l to the stress of every level m in each of `count` groups
-    (e,) of elements."""
+    """Displacements (l, 3 p, g, m) mm at every level l due to the stress of every level m in each of `count`
+    groups (e,) of elements."""
     kernel, states = problem.kernel, [u for curve in curves for u in curve.u]
-    own = [f for field in fields for f in field]
-    out = np.empty((len(states), len(own[0]), count, len(states)))
+    adjoints = [f for field in fields for f in field]
+    out = np.empty((len(states), len(adjoints[0]), count, len(states)))
     for m, there in enumerate(states):
         stress = kernel.isochoric(there, problem.constants, problem.geometry)
         for g in range(count):
             part = stress if count == 1 else stress * (group == g)[:, None, None, None]
             for n, here in enumerate(states):
-                out[n, :, g, m] = own[n] @ kernel.internal(here, part).ravel()
+                out[n, :, g, m] = adjoints[n] @ kernel.internal(here, part).ravel()
     return out
 
 
 def _remaining(prony: Array, time: Array, shares: Array, output: Array) -> Array:
-    """What is left (s, l) at the output times, by every level's share (t, l) at times (t,) s, of stresses of
-    a series prony (m, 2): the linear law of viscoelasticity, exact where shares go linearly."""
-    left = (1 - prony[:, 0].sum()) * shares
+    """Coefficients (s, l) of the levels' stresses at the output times after relaxation by a Prony series (m,
+    2), from their shares (t, l) at times (t,) s: linear viscoelasticity, exact for shares linear in time."""
+    stress = (1 - prony[:, 0].sum()) * shares
     for g, tau in prony[prony[:, 0] != 0]:
         decay, ramp = relaxation(np.array([[g, tau]]), np.diff(time))
         put_on, fading = g * ramp[:, None] * np.diff(shares, axis=0), g * shares[0]  # the first at once
-        left[0] += fading
+        stress[0] += fading
         for n, more in enumerate(put_on):
             fading = decay[n] * fading + more
-            left[n + 1] += fading
+            stress[n + 1] += fading
     k = np.clip(np.searchsorted(time, output, side="right") - 1, 0, len(time) - 2)
     x = np.clip((output - time[k]) / (time[k + 1] - time[k]), 0.0, 1.0)[:, None]
-    return np.asarray((1 - x) * left[k] + x * left[k + 1])
+    return np.asarray((1 - x) * stress[k] + x * stress[k + 1])

@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 
 from fe.element import Array
 from fe.kernel.assembly import State
-from fe.solver.limits import why
+from fe.solver.limits import causes_of_stop
 from fe.solver.newton import Equilibrium, Problem, Residual, Step, eased, moved
 from fe.solver.refinement import Corrected
 from fe.solver.sensitivity import Differenced, Neighbours, sensitivities
@@ -25,10 +25,9 @@ LEAST_STEP = 1 / 64  # of the distance between two levels; below that the path i
 class Curve:
     """States over pressure (k,) MPa: u (k, n, 3) mm, p (k, e, 4) MPa, rotation (k,) rad, and their slopes.
 
-    derivative (v, k, n, 3): mm per unit of each parameter at fixed pressure, p_derivative (v, k, e, m) the
-    same of the pressure modes. touch (k, 6): an obstacle's force in N and its moment about the origin in N mm
-    (`Problem.touch`), touch_derivative (v, k, 6). Where the path stopped early,
-    `reason` says why and `pressure[-1]` is what was reached.
+    derivative (v, k, n, 3): mm per unit of each parameter at fixed pressure, p_derivative (v, k, e, m) for
+    the pressure modes. touch (k, 3): an obstacle's force in N (`Problem.touch`), touch_derivative (v, k, 3).
+    Where the path stopped early, `reason` says why and `pressure[-1]` is the last pressure reached.
     """
 
     pressure: Array
@@ -64,8 +63,8 @@ class Curve:
         return State(u, p, float(r))
 
     def derivative_at(self, number: int, q: float | Array) -> State:
-        """The derivative of the state (but for the clamp's rotation) to parameter `number` at q MPa, or those
-        at several q (s,)."""
+        """Derivative of the state by parameter `number`, without the clamp's rotation, at pressure q MPa, or
+        at several (s,)."""
         return State(
             CubicSpline(self.pressure, self.derivative[number], axis=0)(q),
             CubicSpline(self.pressure, self.p_derivative[number], axis=0)(q),
@@ -80,7 +79,7 @@ class Curve:
         )  # fmt: skip
 
     def ahead(self, change: Array) -> "Curve":
-        """The curve to first order where its parameters change by `change` (v,)."""
+        """The curve extrapolated to first order in changes (v,) of its parameters."""
         u, p = (np.tensordot(change, x, 1) for x in (self.derivative, self.p_derivative))
         u_slope, p_slope = (CubicSpline(self.pressure, x, axis=0)(self.pressure, 1) for x in (u, p))
         touch = self.touch + np.tensordot(change, self.touch_derivative, 1)
@@ -90,14 +89,14 @@ class Curve:
         )  # fmt: skip
 
     def touch_at(self, q: Array) -> Array:
-        """Force and moment (s, 6) of an obstacle at pressures q (s,) MPa: by cubics that do not overshoot, so
-        that nothing pushes before the touch (Fritsch & Carlson 1980, doi 10.1137/0717021)."""
+        """Force (s, 3) N of an obstacle at pressures q (s,) MPa: by monotone cubics, so that nothing pushes
+        before contact (Fritsch & Carlson 1980, doi 10.1137/0717021)."""
         return _monotone(self.pressure, self.touch, q)
 
     def touch_derivatives(self, q: Array) -> Array:
-        """Its derivatives (v, s, 6) to the parameters, and to the pressure the last (1 + v, s, 6)."""
-        own = [_monotone(self.pressure, d, q) for d in self.touch_derivative]
-        return np.array([*own, _monotone(self.pressure, self.touch, q, 1)])
+        """Derivatives (1 + v, s, 3) of `touch_at` by the parameters, and by the pressure as the last."""
+        derivatives = [_monotone(self.pressure, d, q) for d in self.touch_derivative]
+        return np.array([*derivatives, _monotone(self.pressure, self.touch, q, 1)])
 
     def values(self, operator: csr_matrix, q: Array, order: int = 0) -> Array:
         """Displacement, or its slope with order 1, at pressures q (s,) and points given by `operator` (p, n):
@@ -114,7 +113,7 @@ class Curve:
 
 
 def _weights(a: float, b: float, q: float, order: int) -> tuple[float, float, float, float]:
-    """The weights at q of value and slope at a, then at b, in the cubic through both, or in its slope."""
+    """Cubic Hermite weights at q of value and slope at a, then at b; order 1: weights of the derivative."""
     h, t = b - a, (q - a) / (b - a)
     if order == 0:
         return (1 + 2 * t) * (1 - t) ** 2, h * t * (1 - t) ** 2, t**2 * (3 - 2 * t), h * t**2 * (t - 1)
@@ -125,11 +124,11 @@ def _apply(operator: csr_matrix, fields: Array) -> Array:
     return np.stack([operator @ f for f in fields])
 
 
-def _monotone(x: Array, y: Array, at: Array, order: int = 0) -> Array:
+def _monotone(x: Array, y: Array, q: Array, order: int = 0) -> Array:
     """Values (s, ...), or slopes, of monotone cubics through y (k, ...) at x (k,)."""
     if len(x) == 1:
-        return np.repeat(y, len(at), axis=0) if order == 0 else np.zeros((len(at), *y.shape[1:]))
-    return np.asarray(PchipInterpolator(x, y, axis=0)(at, nu=order))
+        return np.repeat(y, len(q), axis=0) if order == 0 else np.zeros((len(q), *y.shape[1:]))
+    return np.asarray(PchipInterpolator(x, y, axis=0)(q, nu=order))
 
 
 def _per_pressure(problem: Problem, state: State) -> Residual:
@@ -157,16 +156,15 @@ class _Level:
 def trace(
     problem: Problem, pressures: Array, *, varied: Sequence[Differenced] = (), near: Curve | None = None
 ) -> Curve:
-    """The curve of a problem through increasing `pressures` (k,) MPa, starting from rest or from a `near`
-    curve.
+    """Curve of a problem through increasing `pressures` (k,) MPa, starting from rest or from a `near` curve.
 
     A step that does not converge is shortened, and the level in between stays in the curve. With friction
-    every level goes on from the slip of the one before, also that of varied neighbours alone. Never raises
-    for lack of convergence: the curve then ends early and says why.
+    every level continues from the slip of the one before, in the base or in neighbours alone. Never raises
+    for lack of convergence: the curve then ends early with a reason.
     """
     todo = [float(q) for q in pressures]
     done: list[_Level] = []
-    near = None if problem.rubs else near  # which levels there are must not depend on where it is begun
+    near = None if problem.has_friction else near  # with friction the levels must not depend on the start
     rest, iterations, reason = _loaded(problem, todo[0], near)
     if reason:
         return _curve(done, len(varied), iterations, reason)
@@ -177,78 +175,78 @@ def trace(
         if done:
             start = done[-1].state
             guess = moved(start, problem.filtered(start, moved(guess, start, -1.0)))
-        level, found = _level(problem, todo[0], guess, last, varied)
-        iterations += found.iterations
+        level, result = _level(problem, todo[0], guess, last, varied)
+        iterations += result.iterations
         if level is None:
             here = done[-1].pressure if done else 0.0
             if not done or todo[0] - here < least:
-                reason = f"stopped at {here:.4g} MPa of {pressures[-1]:.4g}: {_cause(done, last, found)}"
+                reason = f"stopped at {here:.4g} MPa of {pressures[-1]:.4g}: {_cause(done, last, result)}"
                 break
             todo.insert(0, here + SHARE * (todo[0] - here))
             continue
-        strayed = bool(done) and problem.rubs and strays(problem, guess, level.state)
+        strayed = bool(done) and problem.has_friction and strays(problem, guess, level.state)
         if strayed and todo[0] - done[-1].pressure > least:
             todo.insert(0, (done[-1].pressure + todo[0]) / 2)
             continue
         todo.pop(0)
-        last = found.step
+        last = result.step
         off = float(np.abs(level.state.u - guess.u).max()) if len(done) > 1 else np.inf
         done.append(replace(level, foretold=off))
         problem, varied = problem.after(level.state.u), level.varied
-    if not problem.rubs:
-        done, more = _bent(problem, done)
+    if not problem.has_friction:
+        done, more = _refined_at_contact(problem, done)
         iterations += more
     return _curve(done, len(varied), iterations, reason or "converged")
 
 
 def strays(problem: Problem, guess: State, state: State) -> bool:
-    """Whether a state on the plane is far from where it was expected."""
+    """True if a state on the obstacle is farther than STRAYED from its guess."""
     touches = problem.plane is not None and problem.plane.touches(problem.case.nodes + state.u)
     return touches and bool(np.abs(state.u - guess.u).max() > STRAYED)
 
 
 def nothing(reason: str) -> Curve:
-    """The curve of a problem that cannot be begun."""
+    """Empty curve of a problem that cannot be started, with the reason."""
     return _curve([], 0, 0, reason)
 
 
 def _level(
     problem: Problem, load: float, guess: State, last: Step | None, varied: Sequence[Differenced]
 ) -> tuple[_Level | None, Equilibrium]:
-    """The level at `load` MPa, or None where there is no equilibrium, and how it was found."""
-    found = eased(problem, guess, load=load, last=last, quick=True)
-    if found.state is None:
-        return None, found
-    tangent = Corrected.of(found)
+    """Level at `load` MPa, None without an equilibrium; and the result of the iterations."""
+    result = eased(problem, guess, load=load, last=last, quick=True)
+    if result.state is None:
+        return None, result
+    tangent = Corrected.of(result)
     # alone: solved together with the derivatives its last bits would depend on their number
-    (slope,) = tangent.solve([_per_pressure(problem, found.state)])
+    (slope,) = tangent.solve([_per_pressure(problem, result.state)])
     seen = [Neighbours(v, (load, load)) for v in varied if not v.history_only]
-    none, changes = moved(found.state, found.state, -1.0), iter(sensitivities(tangent, found.state, seen))
+    none, changes = moved(result.state, result.state, -1.0), iter(sensitivities(tangent, result.state, seen))
     derivatives = tuple(none if v.history_only else next(changes) for v in varied)
     after = tuple(
-        v.after(found.state, d, tangent.slides) for v, d in zip(varied, derivatives, strict=True)
+        v.after(result.state, d, tangent.slides) for v, d in zip(varied, derivatives, strict=True)
     )
     touches = tuple(
-        v.touch(problem, found.state, d, tangent.slides) for v, d in zip(varied, derivatives, strict=True)
+        v.touch(problem, result.state, d, tangent.slides) for v, d in zip(varied, derivatives, strict=True)
     )
-    level = _Level(load, found.state, slope, derivatives, after, problem.touch(found.state.u), touches)
-    return level, replace(found, step=tangent.step)
+    level = _Level(load, result.state, slope, derivatives, after, problem.touch(result.state.u), touches)
+    return level, replace(result, step=tangent.step)
 
 
-def _bent(problem: Problem, done: list[_Level]) -> tuple[list[_Level], int]:
-    """The levels, with more of them where touching a plane, or itself, bends the curve more than a cubic
-    follows, and the factorisations that took."""
+def _refined_at_contact(problem: Problem, done: list[_Level]) -> tuple[list[_Level], int]:
+    """Levels with additional ones where contact bends the curve more than a cubic follows, and the number of
+    factorisations."""
     out, todo, count = done[:1], done[:0:-1], 0
     least = LEAST_STEP * (done[-1].pressure - done[0].pressure) if done else 0.0
     while todo:
         a, b = out[-1], todo[-1]
         # a cubic is off by 1/64 of what it foretells as far ahead as it is long
         foretold = problem.plane is None and b.foretold < FORETOLD * BENT
-        touches, middle = problem.met(b.state.u) and not foretold, None
+        touches, middle = problem.in_contact(b.state.u) and not foretold, None
         if touches and b.pressure - a.pressure > least and not b.checked:
             guess = _ahead([a, b], (a.pressure + b.pressure) / 2)
-            middle, found = _level(problem, (a.pressure + b.pressure) / 2, guess, None, a.varied)
-            count += found.iterations
+            middle, result = _level(problem, (a.pressure + b.pressure) / 2, guess, None, a.varied)
+            count += result.iterations
         if middle is None:
             out.append(todo.pop())
             continue
@@ -258,43 +256,45 @@ def _bent(problem: Problem, done: list[_Level]) -> tuple[list[_Level], int]:
     return out, count
 
 
-def _cause(done: list[_Level], last: Step | None, found: Equilibrium) -> str:
-    """Why there is nothing beyond the last level: what its state says, else how the iterations failed."""
+def _cause(done: list[_Level], last: Step | None, failure: Equilibrium) -> str:
+    """Reason why the curve ends at its last level: a limit of its state, else the failure of the iterations.
+    """
     if not done or last is None:
-        return found.reason
+        return failure.reason
     slope = np.array([np.abs(level.slope.u).max() for level in done])
-    said = why(last, done[-1].state.u, np.array([level.pressure for level in done]), slope)
-    return said or found.reason
+    cause = causes_of_stop(last, done[-1].state.u, np.array([level.pressure for level in done]), slope)
+    return cause or failure.reason
 
 
 def _loaded(problem: Problem, pressure: float, near: Curve | None) -> tuple[State, int, str]:
-    """A state near the first level, that of a `near` curve or with the dead forces and the weight put on in
-    as many steps as they need; the factorisations it took, and why there is none, or nothing."""
+    """Starting state near the first level, from a `near` curve or by applying dead forces and weight in
+    steps; the number of factorisations; the reason of a failure, or ""."""
     state, iterations, on, step = problem.start(), 0, 0.0, 1.0
     if not problem.dead.any():
         return state, 0, ""
     if near is not None and len(near.pressure) and near.pressure[0] == pressure:
-        found = eased(problem, near.state(pressure), load=pressure)
-        if found.state is not None:
-            return found.state, found.iterations, ""
-        iterations += found.iterations
+        result = eased(problem, near.state(pressure), load=pressure)
+        if result.state is not None:
+            return result.state, result.iterations, ""
+        iterations += result.iterations
     while on < 1:
         part = replace(problem, dead=(on + step) * problem.dead)
-        found = eased(part, state, load=(on + step) * pressure)
-        iterations += found.iterations
-        if found.state is None:
+        result = eased(part, state, load=(on + step) * pressure)
+        iterations += result.iterations
+        if result.state is None:
             step /= 2
             if step < LEAST_STEP:
                 part_on = f"{100 * on:.0f} % of its weight and dead forces, without pressure"
-                return state, iterations, f"stopped at {part_on}: {found.reason}"
+                return state, iterations, f"stopped at {part_on}: {result.reason}"
             continue
-        state, on = found.state, on + step
+        state, on = result.state, on + step
         step = min(2 * step, 1 - on)
     return state, iterations, ""
 
 
 def _guess(rest: State, done: list[_Level], target: float, near: Curve | None) -> State:
-    """The next state: from rest, ahead of the last levels, or beside a neighbouring curve."""
+    """Predictor of the next state: from rest, by extrapolation of the last levels, or from a neighbouring
+    curve."""
     if not done:
         return rest
     if near is None or target > near.pressure.max(initial=0.0):

@@ -1,4 +1,4 @@
-"""What a path has left behind at one time: stresses of Prony terms, largest energies, slip on a plane."""
+"""History variables at one time of a path: Prony stresses, largest energies, slip on an obstacle."""
 
 from dataclasses import dataclass, replace
 
@@ -18,7 +18,7 @@ SHY = 1e-6
 
 @dataclass(frozen=True)
 class Evaluated:
-    """Displacements u (n, 3) mm of a problem, and its law's answer to them."""
+    """A problem at displacements u (n, 3) mm, with its constitutive response."""
 
     problem: Problem
     u: Array
@@ -27,8 +27,9 @@ class Evaluated:
 
 @dataclass(frozen=True)
 class Past:
-    """The law's stress (e, q, 3, 3) MPa at the last time, the Prony terms' (m, e, q, 3, 3), the largest
-    energy so far (e, q) N mm/mm3 where anyone asks for it, and the plane with the slip so far."""
+    """History variables: the law's stress (e, q, 3, 3) MPa at the last time, Prony stresses (m, e, q, 3, 3),
+    the largest energy so far (e, q) N mm/mm3 where softening needs it, and the obstacle with the slip so far.
+    """
 
     now: Array
     terms: Array
@@ -37,24 +38,25 @@ class Past:
 
     @staticmethod
     def first(seen: Evaluated) -> "Past":
-        """The past of a state that was put on instantly, from rest."""
+        """History variables after instantaneous loading from rest."""
         response, problem = seen.response, seen.problem.after(seen.u)
         terms = problem.constants.prony[..., 0][..., None, None, None] * response.stress
         peak = None if response.energy is None else (1 - SHY) * response.energy
         return Past(response.stress, terms, peak, problem.plane)
 
     def on(self, problem: Problem) -> Problem:
-        """The problem as it goes on from here: with the slip so far."""
-        return replace(problem, plane=self.plane) if problem.rubs else problem
+        """The problem with the slip so far."""
+        return replace(problem, plane=self.plane) if problem.has_friction else problem
 
     def below(self, response: Response) -> Flags | None:
-        """Where (e, q) a state's energy is below the largest so far."""
+        """Flags (e, q) of points whose energy is below the largest so far; None without softening."""
         if self.peak is None or response.energy is None:
             return None
         return np.asarray(response.energy < self.peak)
 
     def memory(self, problem: Problem, dt: float, below: Flags | None = None) -> Memory:
-        """What the next time step, dt s long, is to know; `below`: the side of the kink, where given."""
+        """Input of the next time step, dt s long; below (e, q): prescribed branch of softening, by default
+        chosen by energy."""
         c, prony = problem.constants, problem.constants.prony
         g, (decay, ramp) = prony[..., 0], relaxation(prony, dt)
         viscous = (g * ramp).sum(0)
@@ -71,7 +73,8 @@ class Past:
         return Memory(1 - g.sum(0) + viscous, history_stress, softening)
 
     def after(self, seen: Evaluated, dt: float, below: Flags | None, slides: Flags | None) -> "Past":
-        """The past after one more time step; of a neighbour, on the base's sides of the kinks."""
+        """History variables after one more time step; a neighbour takes the base's branches of softening and
+        slip."""
         response, prony = seen.response, seen.problem.constants.prony
         decay, ramp = relaxation(prony, dt)
         terms, flat = np.empty_like(self.terms), (len(self.now), self.now[0].size)

@@ -1,5 +1,4 @@
-"""A problem and its varied neighbours under each gravity, with each set of hung forces and each share of the
-pressure, along a path."""
+"""A problem and its neighbours under each gravity, set of pulls and shares of the pressure along a path."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -15,8 +14,8 @@ from fe.solver.sensitivity import Differenced
 
 @dataclass(frozen=True)
 class Loadings:
-    """Problems (g,) and the neighbours of each in every varied parameter; `of_run` (r,): which of them
-    belongs to each of the path's stretches of constant gravity, pulls and shares."""
+    """Distinct loadings of a path: problems (g,) and their neighbours by every parameter; of_run (r,):
+    loading of each stretch of constant gravity, pulls and shares."""
 
     path: Path
     problems: tuple[Problem, ...]
@@ -27,17 +26,17 @@ class Loadings:
     def of(
         problem: Problem, path: Path, varied: Sequence[Differenced], paths: Sequence[tuple[Path, Path]]
     ) -> "Loadings":
-        """Those of a problem without weight and pulls; equal ones are there once. paths: of the varied
+        """Loadings of a problem without weight and pulls, without duplicates. paths: paths of the varied
         neighbours."""
-        first = np.append(0, path.turns + 1)
-        heavy = any(q.heavy for q in (problem, *(q for v in varied for q in (v.plus, v.minus))))
-        if not heavy and not path.pulls.any() and not path.chambers:
-            return Loadings(path, (problem,), (tuple(varied),), np.zeros(len(first), np.int64))
+        starts = np.append(0, path.turns + 1)
+        has_weight = any(q.has_weight for q in (problem, *(q for v in varied for q in (v.plus, v.minus))))
+        if not has_weight and not path.pulls.any() and not path.chambers:
+            return Loadings(path, (problem,), (tuple(varied),), np.zeros(len(starts), np.int64))
         every = [path, *(w for pair in paths for w in pair)]
-        rows = np.concatenate([w.outside_of(first) for w in every], axis=1)  # (r, size (1 + 2 v))
+        rows = np.concatenate([w.outside_of(starts) for w in every], axis=1)  # (r, size (1 + 2 v))
         size = rows.shape[1] // len(every)
-        _, at, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-        ways = [rows[k].reshape(-1, size) for k in at]
+        _, index, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        ways = [rows[k].reshape(-1, size) for k in index]
         return Loadings(
             path,
             tuple(_under(problem, g[0], path) for g in ways),
@@ -52,16 +51,16 @@ class Loadings:
         )
 
     def everyone(self, *, without: Collection[int] = ()) -> list[Problem]:
-        """All problems and neighbours, but for those of the parameters of these numbers."""
+        """All problems and neighbours, except the neighbours by the parameters numbered in `without`."""
         varied = [d for v in self.varied for n, d in enumerate(v) if n not in without]
         return [*self.problems, *(q for d in varied for q in (d.plus, d.minus))]
 
     def at(self, time: Array) -> Integers:
-        """The numbers (k,) of those that act at times (k,) s."""
+        """Loading numbers (k,) at times (k,) s."""
         return self.of_run[self.path.run(time)]
 
     def only(self, number: int) -> "Loadings":
-        """That one alone, for all of the path."""
+        """A single loading for the whole path."""
         return Loadings(
             self.path, (self.problems[number],), (self.varied[number],), np.zeros_like(self.of_run)
         )

@@ -1,9 +1,9 @@
-"""States of a structure with memory at a few times of its path, and their derivatives.
+"""States of a structure with memory at selected times of its path, and their derivatives.
 
-What is remembered (`Past`): the stresses of the Prony terms, the largest energy so far, which Mullins
-softening asks for, and the slip on a plane with friction. Between two times that are solved, slip takes
-smaller steps where a guess is off (`curve.strays`). Every parameter carries two pasts of its own, those
-of its neighbouring problems, so that derivatives go from time to time as the states do.
+History variables (`Past`): stresses of the Prony terms, the largest energy so far for Mullins softening, and
+the slip on an obstacle with friction. Slip takes smaller steps where the predictor is off (`curve.strays`).
+Every parameter carries the history variables of its two neighbouring problems, so that derivatives advance in
+time as the states do.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -26,12 +26,12 @@ from fe.solver.sensitivity import Differenced, Neighbours, differing, sensitivit
 class History:
     """The solved times of a history.
 
-    time (k,) s, and which curve (k,) belongs to it; weights (s, k) carry values to the output times; pressure
-    (k,) MPa, creep-equivalent, and its derivatives slopes (v, k); u (k, n, 3) mm; derivative of those
-    parameters that have a history, each (k, n, 3) mm per unit, and p_derivative (k, e, m) MPa per unit of the
-    pressure modes. `active` is False where nothing is remembered: then u equals the curve and only
-    the derivatives matter. `drift` is the state minus the curve's, for a neighbouring solve to begin from.
-    touch (k, 6) is the force in N and the moment in N mm of an obstacle, touch_derivative its derivatives.
+    time (k,) s, and the number (k,) of each time's curve; weights (s, k) from solved to output times;
+    pressure (k,) MPa, creep-equivalent, and its derivatives slopes (v, k); u (k, n, 3) mm; derivative: by
+    parameter number, (k, n, 3) mm per unit, and p_derivative (k, e, m) MPa per unit for the pressure modes.
+    `active` is False without any memory: then u equals the curve and only the derivatives matter. `drift` is
+    the state minus the curve's, a predictor for a neighbouring solve. touch (k, 3): force in N of an
+    obstacle, touch_derivative its derivatives.
     """
 
     time: Array
@@ -50,8 +50,8 @@ class History:
 
 @dataclass(frozen=True)
 class Course:
-    """What a path asks of a problem at the solved times: load (k,) MPa, the factor (k,) of all moduli, and
-    the pressure (k,) MPa at which the history-free curve comes near."""
+    """A problem's loading at the solved times: load (k,) MPa, the factor (k,) of all moduli, and the pressure
+    (k,) MPa at which the history-free curve comes nearest."""
 
     load: Array
     stiffness: Array
@@ -59,13 +59,13 @@ class Course:
 
     @staticmethod
     def of(problem: Problem, path: Path, time: Array) -> "Course":
-        """At the times (k,) s."""
+        """Loading of a problem by a path, at times (k,) s."""
         load, stiffness, prony = path.pressure_at(time), path.stiffness_at(time), series(problem)
         plain = load / stiffness
         return Course(load, stiffness, equivalent(time, plain, prony) if prony[:, 0].any() else plain)
 
     def halved(self, k: int) -> "Course":
-        """With one more time, half way from number k - 1 to number k."""
+        """The course with one more time, half way from number k - 1 to number k."""
         return Course(*(_halved(x, k) for x in (self.load, self.stiffness, self.pressure)))
 
 
@@ -74,8 +74,8 @@ def _halved(values: Array, k: int) -> Array:
 
 
 def series(problem: Problem) -> Array:
-    """The Prony pairs (m, 2) by which the structure as a whole comes near to its creep: those of all
-    materials, each by its share of volume over modulus, as the softer ones move more."""
+    """Prony pairs (m, 2) that approximate the creep of the whole structure: the series of all materials,
+    weighted by volume over modulus, as softer ones deform more."""
     c, weight = problem.constants, problem.geometry.weight
     if (c.prony == c.prony[:, :1]).all():
         return c.prony[:, 0]
@@ -101,11 +101,11 @@ class Direction:
         return Direction(varied, (plus, minus))
 
     def halved(self, k: int) -> "Direction":
-        """With one more time, half way from number k - 1 to number k."""
+        """The direction with one more time, half way from number k - 1 to number k."""
         return replace(self, courses=(self.courses[0].halved(k), self.courses[1].halved(k)))
 
     def on(self, pasts: tuple[Past, Past]) -> "Direction":
-        """With the slip of the neighbours so far."""
+        """The direction with the neighbours' slip so far."""
         plus, minus = pasts[0].on(self.varied.plus), pasts[1].on(self.varied.minus)
         return replace(self, varied=replace(self.varied, plus=plus, minus=minus))
 
@@ -120,8 +120,8 @@ class Direction:
         memory: tuple[Memory | None, Memory | None],
         answers: tuple[Response, Response] | None = None,
     ) -> Neighbours:
-        """The two problems at time number k; answers of their laws to the state with the moduli as at the
-        beginning, where they are known."""
+        """The two problems at time number k, with memories scaled by the moduli's drift; `answers`: their
+        constitutive responses to the state with initial moduli, where known."""
         (a, b), v = self.courses, self.varied
         if answers is not None:
             answers = answers[0].times(a.stiffness[k]), answers[1].times(b.stiffness[k])
@@ -132,9 +132,9 @@ class Direction:
 
 
 @dataclass(frozen=True)
-class _Told:
-    """What of a solved time stays: the state, its distance from the curve's, its derivatives to every
-    parameter; the force and moment (6,) of an obstacle and their derivatives."""
+class _Stored:
+    """Results at one solved time that are stored: the state, its distance from the curve's, its derivatives
+    by every parameter; force (3,) of an obstacle and their derivatives."""
 
     state: State
     drift: State
@@ -144,23 +144,23 @@ class _Told:
 
 
 @dataclass(frozen=True)
-class _Point(_Told):
-    """One solved time, with its past and those of every parameter's neighbours, which the next one asks for
-    and which are too large to be kept."""
+class _Point(_Stored):
+    """Results at one solved time with the history variables of base and neighbours, which the next time needs
+    and which are too large to store."""
 
     past: Past
     pasts: tuple[tuple[Past, Past], ...]
 
     @property
-    def told(self) -> _Told:
-        """The point without its pasts."""
-        return _Told(self.state, self.drift, self.changes, self.touch, self.touches)
+    def stored(self) -> _Stored:
+        """The results without history variables."""
+        return _Stored(self.state, self.drift, self.changes, self.touch, self.touches)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _March:
-    """A problem on its way through the times `time` (k,) s of a course, with the tracked parameters; number
-    (k,): which loading and which curve is each time's."""
+    """A problem during its march through the times `time` (k,) s of a course, with the tracked parameters;
+    number (k,): loading and curve of each time."""
 
     loadings: Loadings
     curves: Sequence[Curve]
@@ -181,22 +181,22 @@ class _March:
         return {n: replace(d, varied=varied[n]) for n, d in self.directions.items()}
 
     def first(self) -> tuple[_Point, Equilibrium | None]:
-        """The state that the first pressure has put on instantly."""
-        state, found, problem, tracked = self._carrier(0), None, self._problem(0), self._tracked(0)
+        """State after instantaneous loading by the first pressure."""
+        state, result, problem, tracked = self._carrier(0), None, self._problem(0), self._tracked(0)
         changes = tuple(self._along(n, d, 0) for n, d in tracked.items())
         if self.course.stiffness[0] != 1 and not problem.proportional:
-            found = self._equilibrium(0, problem, state, None, None)
-            if found.state is not None:
-                state, tangent = found.state, Corrected.of(found)
+            result = self._equilibrium(0, problem, state, None, None)
+            if result.state is not None:
+                state, tangent = result.state, Corrected.of(result)
                 beside = [d.neighbours(0, (None, None)) for d in tracked.values()]
                 changes = tuple(sensitivities(tangent, state, beside))
-                found = replace(found, step=tangent.step)
+                result = replace(result, step=tangent.step)
         response = self.response(problem, state.u)
         around = self._around(0, state, changes, self._answers(0, state, response))
         pasts = tuple((Past.first(plus), Past.first(minus)) for plus, minus in around)
         past = Past.first(Evaluated(problem, state.u, response))
         touch = self._touch(problem, state, changes, [d.varied for d in tracked.values()], None)
-        return _Point(state, moved(state, self._carrier(0), -1.0), changes, *touch, past, pasts), found
+        return _Point(state, moved(state, self._carrier(0), -1.0), changes, *touch, past, pasts), result
 
     def _carrier(self, k: int) -> State:
         return self.curves[self.number[k]].state(self.course.pressure[k])
@@ -207,12 +207,12 @@ class _March:
         return moved(curve.derivative_at(n, q), curve.slope(q), direction.slopes[k])
 
     def _answers(self, k: int, state: State, response: Response) -> "list[tuple[Response, Response] | None]":
-        """For every parameter the answers of its two neighbours' laws to the state, of which the problem's
-        own is known; None where a neighbour differs by more than constants of materials."""
+        """Constitutive responses of both neighbours of every parameter to the state, `response` being the
+        base's; None where a neighbour differs by more than material constants."""
         base, out = self._problem(k), []
         for d in self._tracked(k).values():
             v = d.varied
-            alike = not base.rubs and v.plus.placed_as(base) and v.minus.placed_as(base)
+            alike = not base.has_friction and v.plus.placed_as(base) and v.minus.placed_as(base)
             pair = [
                 response if not len(differing(q.constants, base.constants)) else self.response(q, state.u)
                 for q in (v.plus, v.minus)
@@ -228,13 +228,13 @@ class _March:
         changes: Sequence[State],
         answers: "Sequence[tuple[Response, Response] | None]",
     ) -> Iterator[tuple[Evaluated, Evaluated]]:
-        """For every parameter its neighbouring problems at their own displacements; where their laws' answers
-        to the state are known, they go on from there by the tangent of the problem's."""
+        """Neighbouring problems of every parameter at their own displacements; known responses to the state
+        are extrapolated by the base's tangent."""
         base, tracked = self._problem(k), self._tracked(k)
-        known = [x is not None for x in answers]
+        available = [x is not None for x in answers]
         along = base.kernel.changes(
             state.u, base.constants, base.geometry,
-            [c.u for c, yes in zip(changes, known, strict=True) if yes], energy=self.soft,
+            [c.u for c, yes in zip(changes, available, strict=True) if yes], energy=self.soft,
         )  # fmt: skip
         slopes = iter(along)
         for d, change, pair in zip(tracked.values(), changes, answers, strict=True):
@@ -248,7 +248,7 @@ class _March:
             yield Evaluated(v.plus, ahead, plus), Evaluated(v.minus, behind, minus)
 
     def response(self, problem: Problem, u: Array) -> Response:
-        """The law's answer to displacements u (n, 3) mm, the moduli as at the beginning."""
+        """Constitutive response to displacements u (n, 3) mm with initial moduli."""
         kernel, c, geometry = problem.kernel, problem.constants, problem.geometry
         return Response(
             kernel.isochoric(u, c, geometry), kernel.energies(u, c, geometry) if self.soft else None
@@ -269,11 +269,13 @@ class _March:
         )
 
     def virgin(self, k: int, before: _Point) -> _Point | None:
-        """The point at time number k if it is the curve's: where only softening remembers, and nothing is
-        below its largest energy."""
+        """Point at time number k if it lies on the curve: softening is the only memory, and no point is below
+        its largest energy; else None."""
         problem, tracked = self._problem(k), self._tracked(k)
         problems = [problem, *(d.varied.plus for d in tracked.values())]
-        if any(len(q.constants.prony) or q.rubs for q in problems) or _drifts(problem, self.course.stiffness):
+        if any(len(q.constants.prony) or q.has_friction for q in problems):
+            return None
+        if _drifts(problem, self.course.stiffness):
             return None
         state = self._carrier(k)
         response = self.response(problem, state.u)
@@ -285,23 +287,24 @@ class _March:
         return self._point(k, before, state, response, answers, changes, None)
 
     def divisible(self, k: int) -> bool:
-        """Whether the step to time number k may be halved: with slip, while the load changes by enough."""
+        """True if the step to time number k may be halved: with friction, while the load changes by enough.
+        """
         load = self.course.load
-        return self._problem(k).rubs and abs(load[k] - load[k - 1]) > LEAST_STEP * float(np.ptp(load))
+        return self._problem(k).has_friction and abs(load[k] - load[k - 1]) > LEAST_STEP * float(np.ptp(load))
 
     def found(self, k: int, before: _Point, last: Equilibrium | None) -> Equilibrium:
-        """The equilibrium at time number k, after the point before; none if it is far from where it was
-        expected and the step may be halved."""
+        """Equilibrium at time number k, after the point before; without a state if it is far from its
+        predictor and the step may be halved."""
         problem = before.past.on(self._problem(k))
         guess = moved(self._carrier(k), before.drift)
         if self.near is not None:  # as the neighbour goes on from the last time
             guess = moved(moved(guess, self.near.drift[k]), self.near.drift[k - 1], -1.0)
-        found = self._equilibrium(k, problem, guess, before.past.memory(problem, self._dt(k)), last)
-        strayed = found.state is not None and self.divisible(k) and strays(problem, guess, found.state)
-        return replace(found, state=None) if strayed else found
+        result = self._equilibrium(k, problem, guess, before.past.memory(problem, self._dt(k)), last)
+        strayed = result.state is not None and self.divisible(k) and strays(problem, guess, result.state)
+        return replace(result, state=None) if strayed else result
 
     def halved(self, k: int) -> "_March":
-        """With one more time, half way from number k - 1 to number k."""
+        """The march with one more time, half way from number k - 1 to number k."""
         directions = {n: d.halved(k) for n, d in self.directions.items()}
         number = np.insert(self.number, k, self.number[k])
         time, course = _halved(self.time, k), self.course.halved(k)
@@ -349,15 +352,15 @@ class _March:
         varied: Sequence[Differenced],
         slides: Flags | None,
     ) -> tuple[Array, tuple[Array, ...]]:
-        """Force and moment (6,) of an obstacle at a state with this slip so far, and their derivatives."""
-        own = (v.touch(problem, state, d, slides) for v, d in zip(varied, changes, strict=True))
-        return problem.touch(state.u), tuple(own)
+        """Force (3,) of an obstacle at a state with the slip so far, and their derivatives."""
+        derivatives = (v.touch(problem, state, d, slides) for v, d in zip(varied, changes, strict=True))
+        return problem.touch(state.u), tuple(derivatives)
 
     def _dt(self, k: int) -> float:
         return float(self.time[k] - self.time[k - 1])
 
-    def history(self, points: Sequence[_Told], slopes: Array) -> History:
-        """What is kept of the points."""
+    def history(self, points: Sequence[_Stored], slopes: Array) -> History:
+        """History of the stored results; slopes (v, k)."""
         u, p = (
             {
                 n: np.stack([getattr(x.changes[i], name) for x in points])
@@ -369,7 +372,7 @@ class _March:
         weights = in_time(self.loadings.path, self.time, **self.pace)
         touches = {n: np.stack([x.touches[i] for x in points]) for i, n in enumerate(self.directions)}
         drifts = any(_drifts(q, self.course.stiffness) for q in self.loadings.problems)
-        active = bool(drifts or problem.rubs or c.prony[..., 0].any() or c.softening[:, 0].any())
+        active = bool(drifts or problem.has_friction or c.prony[..., 0].any() or c.softening[:, 0].any())
         states, drift = np.stack([x.state.u for x in points]), tuple(x.drift for x in points)
         return History(
             time=self.time, number=self.number, weights=weights, pressure=self.course.pressure, slopes=slopes,
@@ -379,15 +382,15 @@ class _March:
 
 
 def _drifts(problem: Problem, stiffness: Array) -> bool:
-    """Whether a drift of the moduli does more than a change of pressure does."""
+    """True if drifting moduli change the response by more than a change of pressure would."""
     return bool((stiffness != 1).any()) and not problem.proportional
 
 
 def _pace(path: Path, every: Sequence[Problem]) -> dict[str, bool]:
-    """How densely a history of these problems is to be solved: what `fe.path.knots` asks."""
-    rubs = any(q.rubs for q in every)
-    creeping = not rubs or any(q.remembers(path) for q in every)
-    return {"softening": rubs or any(len(q.constants.softening) for q in every), "creeping": creeping}
+    """Arguments of `fe.path.knots` for the history of these problems."""
+    has_friction = any(q.has_friction for q in every)
+    creeping = not has_friction or any(q.has_memory(path) for q in every)
+    return {"softening": has_friction or any(len(q.constants.softening) for q in every), "creeping": creeping}
 
 
 def follow(
@@ -398,24 +401,25 @@ def follow(
     near: History | None,
     without: Collection[int] = (),
 ) -> tuple[History | None, int, str]:
-    """The history at its solved times, the factorisations it took, and the reason where it stopped.
+    """History at its solved times, number of factorisations, and the reason where it stopped.
 
-    curves: one for each loading; paths: those of the parameters' neighbouring problems; near: the history of
+    curves: one for each loading; paths: paths of the parameters' neighbouring problems; near: the history of
     a neighbouring case; without: numbers of the parameters whose derivatives come from elsewhere.
     """
     path, problem = loadings.path, loadings.problems[0]
     every = loadings.everyone(without=without)
     soft, pace = any(len(q.constants.softening) for q in every), _pace(path, every)
     time = knots(path, **pace)
-    if near is not None and (problem.rubs or not np.array_equal(near.time, time)):
+    if near is not None and (problem.has_friction or not np.array_equal(near.time, time)):
         near = None
     directions = [Direction.of(v, pair, time) for v, pair in zip(loadings.varied[0], paths, strict=True)]
-    own = any(q.remembers(path) or q.rubs for q in loadings.problems)
+    has_memory = any(q.has_memory(path) or q.has_friction for q in loadings.problems)
     # without a memory in the base, only the derivatives towards one have a history of their own
     tracked = {
         n: d
         for n, d in enumerate(directions)
-        if n not in without and (own or any(v[n].remembers(*paths[n]) or v[n].rubs for v in loadings.varied))
+        if n not in without
+        and (has_memory or any(v[n].has_memory(*paths[n]) or v[n].has_friction for v in loadings.varied))
     }
     course, number = Course.of(problem, path, time), loadings.at(time)
     march = _March(
@@ -423,26 +427,26 @@ def follow(
         near=near, pace=pace, soft=soft,
     )  # fmt: skip
     point, last = march.first()
-    points, iterations = [point.told], last.iterations if last else 0
-    going, asked = march, np.ones(len(time), bool)  # slip may need times in between
-    while (k := len(points)) < len(asked):
+    points, iterations = [point.stored], last.iterations if last else 0
+    going, requested = march, np.ones(len(time), bool)  # slip may need times in between
+    while (k := len(points)) < len(requested):
         virgin = going.virgin(k, point)
         if virgin is not None:
             point = virgin
-            points.append(point.told)
+            points.append(point.stored)
             continue
-        found = going.found(k, point, last)
-        iterations += found.iterations
-        if found.state is not None:
-            tangent = Corrected.of(found)
-            point = going.point(k, point, found.state, tangent)
-            last = replace(found, step=tangent.step)
-            points.append(point.told)
+        result = going.found(k, point, last)
+        iterations += result.iterations
+        if result.state is not None:
+            tangent = Corrected.of(result)
+            point = going.point(k, point, result.state, tangent)
+            last = replace(result, step=tangent.step)
+            points.append(point.stored)
         elif going.divisible(k):
-            going, asked = going.halved(k), np.insert(asked, k, False)
+            going, requested = going.halved(k), np.insert(requested, k, False)
         else:
             where = f"{going.time[k]:.4g} s, {going.course.load[k]:.4g} MPa"
-            return None, iterations, f"stopped at {where}: {found.reason}"
+            return None, iterations, f"stopped at {where}: {result.reason}"
     slopes = np.array([d.slopes for d in directions]).reshape(len(directions), len(time))
-    points = [p for p, kept in zip(points, asked, strict=True) if kept]
+    points = [p for p, on_request in zip(points, requested, strict=True) if on_request]
     return march.history(points, slopes), iterations, "converged"

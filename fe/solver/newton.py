@@ -41,9 +41,9 @@ EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's las
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """One case made ready: kernel (shared by cases with the same mesh and supports), constants, dead forces
-    (n, 3) N, forces that grow with the pressure, growing (n, 3) N/MPa, or None, prescribed displacements (k,)
-    mm at the supported degrees of freedom, walls that may touch each other."""
+    """A case prepared for solving: kernel (shared by cases with equal mesh and supports), constants, dead
+    forces (n, 3) N, forces growing with the pressure (n, 3) N/MPa or None, prescribed displacements (k,) mm
+    at the supported degrees of freedom, obstacle (`plane`) and self-contact (`walls`)."""
 
     kernel: Kernel
     constants: ElementConstants
@@ -58,12 +58,12 @@ class Problem:
 
     @staticmethod
     def of(case: Case, kernel: Kernel | None = None) -> "Problem":
-        """The problem of a case without weight, on an existing kernel of the same mesh where given."""
+        """The problem of a case without weight; on a given kernel of its mesh, or on a new one."""
         dead, growing = _nodal(case, case.forces), _nodal(case, case.growing) if case.growing else None
         kernel = kernel or Kernel(case)
-        own, curved = kernel.geometry, case.precurvature
-        same = np.array_equal(case.nodes, own.nodes) and curved == own.precurvature
-        geometry = own if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
+        base, curved = kernel.geometry, case.precurvature
+        same = np.array_equal(case.nodes, base.nodes) and curved == base.precurvature
+        geometry = base if same else Geometry(case.nodes, kernel.connectivity, kernel.element, curved)
         layers = tuple(LayerFaces(case, sheet) for sheet in case.sheets)
         plane = ObstacleFaces(case) if case.contact and case.contact.stiffness else None
         walls = SelfFaces(case) if case.self_contact else None
@@ -75,35 +75,36 @@ class Problem:
 
     @property
     def faces(self) -> tuple[LayerFaces | ObstacleFaces | SelfFaces, ...]:
-        """What acts on its surfaces besides the pressure."""
+        """Layers, obstacle and self-contact: all surface forces besides the pressure."""
         return tuple(f for f in (*self.layers, self.plane, self.walls) if f is not None)
 
     @property
     def proportional(self) -> bool:
-        """Whether pressure alone loads it, so that u is a function of pressure over the moduli."""
+        """True if pressure is the only load, so that u is a function of pressure over the moduli."""
         clamp = self.case.clamp
         held = bool(clamp and clamp.compliance) or bool(self.layers) or self.plane is not None
         return not self.dead.any() and not held
 
-    def remembers(self, path: Path) -> bool:
-        """Whether the material may answer by other than a function of pressure over the moduli."""
+    def has_memory(self, path: Path) -> bool:
+        """True if the response may not be a function of pressure over the moduli: a material has a memory, or
+        moduli drift."""
         c = self.constants
         drifts = path.stiffness is not None and not self.proportional
         return bool(len(c.prony) or len(c.softening)) or drifts
 
     def loaded(self, pressure: float) -> Array:
-        """The outside forces (n, 3) N under a pressure in MPa."""
+        """Outside forces (n, 3) N at a pressure in MPa."""
         return self.dead if self.growing is None else self.dead + pressure * self.growing
 
-    def placed_as(self, other: "Problem") -> bool:
-        """Whether two problems differ at most in constants of materials and outside forces."""
-        bare = all(not q.layers and q.plane is None and q.walls is None for q in (self, other))
+    def placed_as(self, problem: "Problem") -> bool:
+        """True if two problems differ in material constants and outside forces alone."""
+        bare = all(not q.layers and q.plane is None and q.walls is None for q in (self, problem))
         return (
             bare
-            and self.kernel is other.kernel
-            and self.geometry is other.geometry is self.kernel.geometry
-            and self.case.clamp == other.case.clamp
-            and np.array_equal(self.prescribed, other.prescribed)
+            and self.kernel is problem.kernel
+            and self.geometry is problem.geometry is self.kernel.geometry
+            and self.case.clamp == problem.case.clamp
+            and np.array_equal(self.prescribed, problem.prescribed)
         )
 
     def stiffened(self, factor: float) -> "Problem":
@@ -114,18 +115,17 @@ class Problem:
         return replace(self, constants=self.constants.times(factor), walls=walls)
 
     def softer(self, factor: float) -> "Problem":
-        """The problem with `factor` of the stiffness of its plane and of walls that touch each other."""
+        """The problem with the contact stiffness of obstacle and self-contact multiplied by `factor`."""
         plane, walls = self.plane, self.walls
         plane, walls = plane and plane.softer(factor), walls and walls.times(factor)
         return replace(self, plane=plane, walls=walls)
 
-    def closed(self, u: Array) -> bool:
-        """Whether its walls touch each other at displacements u (n, 3) mm."""
+    def walls_touch(self, u: Array) -> bool:
+        """True if its walls touch each other at displacements u (n, 3) mm."""
         return self.walls is not None and self.walls.touches(self.case.nodes + u)
 
     def filtered(self, state: State, change: State) -> State:
-        """A change of a state, or so much of it as drives walls no deeper into each other than they give
-        way."""
+        """The change of a state, shortened so that walls penetrate each other by at most `SelfFaces.give`."""
         if self.walls is None:
             return change
         x, du = self.case.nodes + state.u, change.u
@@ -137,56 +137,54 @@ class Problem:
             low, high = (middle, high) if self.walls.deepest(x + middle * du) <= limit else (low, middle)
         return moved(moved(change, change, -1.0), change, max(low, high / 2))
 
-    def met(self, u: Array) -> bool:
-        """Whether it touches its plane or itself at displacements u (n, 3) mm."""
+    def in_contact(self, u: Array) -> bool:
+        """True if it touches its obstacle or itself at displacements u (n, 3) mm."""
         on = self.plane is not None and self.plane.touches(self.case.nodes + u)
-        return on or self.closed(u)
+        return on or self.walls_touch(u)
 
     @property
-    def rubs(self) -> bool:
-        """Whether a plane has friction, so that a state depends on those before."""
+    def has_friction(self) -> bool:
+        """True if its obstacle has friction, so that a state depends on the states before."""
         return self.plane is not None and self.plane.friction != 0
 
     def sliding(self, where: Flags | None) -> "Problem":
-        """The same problem, sliding there (f, q) and nowhere else; None: where it does."""
-        if self.plane is None or not self.rubs or where is None:
+        """The problem with prescribed flags (f, q) of sliding points; unchanged for None."""
+        if self.plane is None or not self.has_friction or where is None:
             return self
         return replace(self, plane=self.plane.sliding(where))
 
     def after(self, u: Array) -> "Problem":
-        """The problem as it goes on from the equilibrium at displacements u (n, 3) mm: the same but for
-        slip."""
-        if self.plane is None or not self.rubs:
+        """The problem with slip updated to the equilibrium at displacements u (n, 3) mm."""
+        if self.plane is None or not self.has_friction:
             return self
         return replace(self, plane=self.plane.after(self.case.nodes + u))
 
     def touch(self, u: Array) -> Array:
-        """The force in N and its moment about the origin in N mm (6,) of the obstacle at displacements u
-        (n, 3) mm; nothing without one."""
-        return np.zeros(6) if self.plane is None else self.plane.resultant(self.case.nodes + u)
+        """Force (3,) N of the obstacle at displacements u (n, 3) mm; zero without one."""
+        return np.zeros(3) if self.plane is None else self.plane.resultant(self.case.nodes + u)
 
     @property
-    def bare(self) -> bool:
-        """Whether its tangent is that of solid elements, pressure and self-contact alone, and symmetric."""
+    def only_solids(self) -> bool:
+        """True if its symmetric tangent consists of solid elements, pressure and self-contact alone."""
         clamp = self.case.clamp
         held = bool(self.layers) or self.plane is not None or bool(clamp and clamp.compliance)
         return self.kernel.symmetric and not held
 
     @property
-    def heavy(self) -> bool:
-        """Whether any material has a density."""
+    def has_weight(self) -> bool:
+        """True if any material has a density."""
         return any(m.density for m in self.case.materials.values())
 
     def under(self, gravity: Array) -> "Problem":
         """The problem with its weight in a gravity (3,) mm/s2, as consistent nodal forces of the mass at
         rest."""
-        if not self.heavy:
+        if not self.has_weight:
             return self
         mass = self.kernel.masses(self.case.per_element("density"), self.geometry)
         return replace(self, dead=self.dead + mass[:, None] * gravity)
 
     def with_shares(self, shares: Mapping[str, float]) -> "Problem":
-        """The problem with surfaces that carry so much of the pressure, the others as before."""
+        """The problem with these shares of the pressure by surface, the others as before."""
         if not shares:
             return self
         case = replace(self.case, shares={**self.case.shares, **shares})
@@ -211,11 +209,11 @@ class Problem:
         dx, dz = x[:, 0] - self.case.clamp.centre[0], x[:, 2] - self.case.clamp.centre[1]
         s, c, none = np.sin(rotation), np.cos(rotation), np.zeros(len(x))
         moved = np.stack([c * dx + s * dz - dx, none, c * dz - s * dx - dz], axis=1)
-        first = np.stack([c * dz - s * dx, none, -s * dz - c * dx], axis=1)
-        return moved, first, np.stack([-s * dz - c * dx, none, s * dx - c * dz], axis=1)
+        slope = np.stack([c * dz - s * dx, none, -s * dz - c * dx], axis=1)
+        return moved, slope, np.stack([-s * dz - c * dx, none, s * dx - c * dz], axis=1)
 
     def clamp_gap(self, rotation: float, force: Array) -> float:
-        """The rotation in rad by which an elastic clamp gives way to nodal forces (n, 3) N."""
+        """Rotation in rad of an elastic clamp under nodal forces (n, 3) N."""
         if self.case.clamp is None or not self.case.clamp.compliance:
             return 0.0
         _, turn, _ = self.clamp_motion(rotation)
@@ -233,28 +231,28 @@ def _nodal(case: Case, forces: Mapping[str, Array]) -> Array:
 
 @dataclass(frozen=True)
 class Residual:
-    """What is out of balance at a state: nodal forces (n, 3) N; volume gaps (e, m) mm3, or None where they
-    are condensed into the forces already; the moment, residual of the clamp's equation in rad."""
+    """Residual of the equilibrium equations at a state: nodal forces (n, 3) N; volume gaps (e, m) mm3, or
+    None where they are condensed into the forces; moment, the residual of the clamp's equation in rad."""
 
     force: Array
     gap: Array | None
     moment: float
 
-    def plus(self, other: "Residual") -> "Residual":
+    def plus(self, residual: "Residual") -> "Residual":
         """The sum of two residuals that are not condensed."""
         assert self.gap is not None
-        assert other.gap is not None
-        return Residual(self.force + other.force, self.gap + other.gap, self.moment + other.moment)
+        assert residual.gap is not None
+        return Residual(self.force + residual.force, self.gap + residual.gap, self.moment + residual.moment)
 
-    def minus(self, other: "Residual", factor: float) -> "Residual":
+    def minus(self, residual: "Residual", factor: float) -> "Residual":
         """`factor` times the difference of two residuals."""
-        gap = None if self.gap is None or other.gap is None else factor * (self.gap - other.gap)
-        return Residual(factor * (self.force - other.force), gap, factor * (self.moment - other.moment))
+        gap = None if self.gap is None or residual.gap is None else factor * (self.gap - residual.gap)
+        return Residual(factor * (self.force - residual.force), gap, factor * (self.moment - residual.moment))
 
 
 class Step:
-    """A factorised tangent at one state: solves for any right-hand side, clamp rotation included, until
-    another tangent on its kernel is factorised."""
+    """Factorised tangent at one state; solves for any right-hand side, clamp rotation included, until another
+    tangent on its kernel is factorised."""
 
     def __init__(self, problem: Problem, state: State, system: Linearised) -> None:
         self.problem, self.state = problem, state
@@ -278,23 +276,23 @@ class Step:
 
     @property
     def newest(self) -> bool:
-        """Whether the factors are still its own: a step that failed leaves those of other states."""
+        """True while the factors are its own: another factorisation on the kernel replaces them."""
         return self._matrix.count == self._count
 
     @cached_property
     def slides(self) -> Flags | None:
-        """Where (f, q) the surface slides on a plane, as this tangent has it, or None without a plane."""
+        """Flags (f, q) of points that slide on the obstacle in this tangent; None without an obstacle."""
         plane, x = self.problem.plane, self.problem.case.nodes + self.state.u
         return None if plane is None else plane.slides(x)
 
     @cached_property
     def _back(self) -> Array:
-        """The free displacements' answer to a turn of the clamp, mm per rad, but for its sign."""
+        """Response of the free displacements to a rotation of the clamp, mm per rad, with opposite sign."""
         return self._matrix.solve(self._side)
 
     def solve(self, residuals: Sequence[Residual]) -> list[State]:
-        """For each change of the residuals the change of state that cancels it. RuntimeError where another
-        tangent on the kernel was factorised since."""
+        """Changes of state that cancel the residuals. RuntimeError if another tangent on the kernel was
+        factorised since."""
         if not self.newest:
             raise RuntimeError("a tangent on this kernel was factorised since; take the newest one")
         changes = self._symmetric(residuals)
@@ -323,7 +321,7 @@ class Step:
         ]
 
     def work(self, r: Residual, change: State) -> float:
-        """What residuals, but for their gaps, do along a change of state, N mm."""
+        """Work of a residual, without its volume gaps, along a change of state, N mm."""
         free = self.problem.kernel.free
         turned = r.moment * change.rotation / self._compliance if self._compliance else 0.0
         return float(r.force.ravel()[free] @ change.u.ravel()[free]) + turned
@@ -338,7 +336,7 @@ class Step:
         return r.force + extra, r.moment + self.problem.clamp_gap(self.state.rotation, extra)
 
     def _spread(self, x: Array, moment: float, gap: Array) -> State:
-        """The change of state from the solution (f,) for the unknowns with the clamp held."""
+        """Change of state from the solution (f,) for the unknowns with the clamp held."""
         kernel, system, turn = self.problem.kernel, self.system, -moment
         if self._compliance:
             pivot = 1 + self._compliance * (self._stiffness - float(self._side @ self._back))
@@ -355,7 +353,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Reached:
-    """An equilibrium under a load in MPa, of which no tangent is factorised."""
+    """An equilibrium under a load in MPa whose tangent is not factorised."""
 
     problem: Problem
     state: State
@@ -363,7 +361,7 @@ class Reached:
     memory: Memory | None
 
     def factorised(self) -> Step:
-        """Its own tangent."""
+        """The factorised tangent at this equilibrium."""
         return tangent_at(self.problem, self.state, load=self.load, memory=self.memory)
 
     @cached_property
@@ -371,18 +369,18 @@ class Reached:
         return self.problem.kernel.at_points(self.state, self.problem.constants, self.memory)
 
     def along(self, changes: Sequence[State]) -> list[Residual]:
-        """How the residuals go along changes of the state that leave the clamp where it is."""
+        """Directional derivatives of the residual along changes of the state with the clamp held."""
         bulk, walls = self.problem.constants.bulk, self._walls
-        found = self.problem.kernel.along(self.state.u, bulk, self.load, self._points, changes)
+        changed = self.problem.kernel.along(self.state.u, bulk, self.load, self._points, changes)
         if walls is not None:
-            own = [(walls @ change.u.ravel()).reshape(-1, 3) for change in changes]
-            found = [(force + more, gap) for (force, gap), more in zip(found, own, strict=True)]
-        return [Residual(force, gap, 0.0) for force, gap in found]
+            wall_forces = [(walls @ change.u.ravel()).reshape(-1, 3) for change in changes]
+            changed = [(force + more, gap) for (force, gap), more in zip(changed, wall_forces, strict=True)]
+        return [Residual(force, gap, 0.0) for force, gap in changed]
 
     @cached_property
     def _walls(self) -> csr_matrix | None:
-        """The tangent (3 n, 3 n) N/mm of walls that touch each other, or None where none do."""
-        if not self.problem.closed(self.state.u):
+        """Tangent (3 n, 3 n) N/mm of self-contact, None without contact."""
+        if not self.problem.walls_touch(self.state.u):
             return None
         assert self.problem.walls is not None
         parts = self.problem.walls.tangent(self.problem.case.nodes + self.state.u)
@@ -391,10 +389,10 @@ class Reached:
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """The equilibrium state and the tangent factorised next to it, or the reason why there is none.
+    """Equilibrium state with the tangent factorised next to it, or the reason of a failure.
 
-    The tangent's state and the equilibrium differ by less than TOLERANCE of the structure's size, or, where
-    there is a `place`, by so little that a few corrections lead from the one tangent to the other.
+    The tangent's state differs from the equilibrium by less than TOLERANCE of the structure's size, or, where
+    there is a `place`, by so little that a few corrections turn one tangent into the other.
     """
 
     state: State | None
@@ -435,19 +433,19 @@ def equilibrium(
     quick: bool = False,
     tolerance: float = TOLERANCE,
 ) -> Equilibrium:
-    """The equilibrium at follower pressure `load` MPa, from `start`, in at most LIMIT factorisations.
+    """Equilibrium at follower pressure `load` MPa, from `start`, in at most LIMIT factorisations.
 
-    last: a factorised tangent of a neighbouring state; while it is the newest it serves as far as it can.
-    exact: the result's tangent is that of the equilibrium, as derivatives need it; otherwise it may be a
-    nearby one's. quick: it may be that with a `place`, too, from which a few corrections lead to derivatives
-    (`fe.solver.refinement`). Never raises for lack of convergence: `reason` then says what stopped it.
+    last: a factorised tangent of a neighbouring state, reused while it is the newest and converges. exact:
+    the result's tangent is the equilibrium's own, as derivatives need it; otherwise a nearby one. quick: a
+    nearby tangent with a `place`, from which a few corrections lead to derivatives (`fe.solver.refinement`),
+    is accepted, too. Never raises for lack of convergence: `reason` then says what stopped it.
     """
     kernel, state, before = problem.kernel, _consistent(problem, start), np.inf
     extent = float(np.ptp(problem.case.nodes, axis=0).max())
     small = (tolerance * extent, 10 * tolerance * problem.shear)  # mm, MPa
-    kinked = problem.rubs or (memory is not None and memory.softening is not None)
-    smooth = not problem.rubs  # so far: whether the tangent may be expected to serve again
-    fine = np.inf if not exact else QUICK if quick and problem.bare else 0.0
+    kinked = problem.has_friction or (memory is not None and memory.softening is not None)
+    smooth = not problem.has_friction  # so far: whether the tangent may be expected to serve again
+    fine = np.inf if not exact else QUICK if quick and problem.only_solids else 0.0
     length, stalls = np.inf, 0  # of the correction by `last` itself; corrections of which little was left
     for iteration in range(LIMIT):
         near = last if last is not None and last.newest and smooth else None
@@ -470,12 +468,12 @@ def equilibrium(
         if not np.isfinite(length) or (iteration > 0 and np.abs(change.u).max() > 0.5 * extent):
             return Equilibrium(None, None, iteration + 1, f"a correction of half the structure: {TOO_FAR}")
         ahead = moved(state, change).u
-        if length > small[0] and (kinked or problem.closed(state.u) or problem.closed(ahead)):
-            whole, change = change, _shortened(last, state, change, load, memory)
+        if length > small[0] and (kinked or problem.walls_touch(state.u) or problem.walls_touch(ahead)):
+            full, change = change, _shortened(last, state, change, load, memory)
             stalls += float(np.abs(change.u).max()) < STALLED * length
             if problem.walls is not None and stalls > 1:
                 return Equilibrium(None, None, iteration + 1, f"walls that touch hold it back: {TOO_FAR}")
-            smooth = change is whole and length < SETTLING * NEARBY * extent
+            smooth = change is full and length < SETTLING * NEARBY * extent
         state = _consistent(problem, moved(state, change))
         if length < small[0] and np.abs(change.p).max() < small[1]:
             return Equilibrium(state, last, iteration + 1, "converged")
@@ -484,24 +482,24 @@ def equilibrium(
 
 
 def _shortened(step: Step, state: State, change: State, load: float, memory: Memory | None) -> State:
-    """The correction, or so much of it as brings the forces to rest along it.
+    """The correction, shortened by a line search until the forces along it nearly vanish.
 
-    The tangent jumps where softening or sliding sets in, and full corrections may go to and fro across that
-    kink. Gaps are left out: along a long way they are far from linear, but the next correction closes them.
+    The tangent jumps where softening or sliding sets in, and full corrections may oscillate across that kink.
+    Volume gaps are left out: over a long step they are far from linear, but the next correction closes them.
     """
 
     def work(factor: float) -> float:
         done = step.work(imbalance(step.problem, moved(state, change, factor), load, memory), change)
         return done if np.isfinite(done) else np.inf  # an element turned inside out
 
-    low, high, first = 0.0, 1.0, work(0.0)
-    a, b = first, work(1.0)
-    if b <= OVERSHOT * abs(first):
+    low, high, initial = 0.0, 1.0, work(0.0)
+    a, b = initial, work(1.0)
+    if b <= OVERSHOT * abs(initial):
         return change
     for _ in range(SEARCHES):
         factor = low + (high - low) * min(max(-a / (b - a), 0.1), 0.9)
         here = work(factor)
-        if abs(here) <= OVERSHOT * abs(first):
+        if abs(here) <= OVERSHOT * abs(initial):
             break
         low, a, high, b = (factor, here, high, b) if here < 0 else (low, a, factor, here)
     return moved(moved(change, change, -1.0), change, factor)
@@ -517,21 +515,21 @@ def eased(
     exact: bool = True,
     quick: bool = False,
 ) -> Equilibrium:
-    """As `equilibrium`; where a plane is too stiff to be met from `start`, it is met softer first."""
-    found = equilibrium(problem, start, load=load, memory=memory, last=last, exact=exact, quick=quick)
-    if (problem.plane is None and problem.walls is None) or found.state is not None:
-        return found
-    state, count, met, step = start, found.iterations, SOFTEST / 8, 8.0
-    while met < 1 and step > 1.1:
-        factor = min(1.0, met * step)
-        way = TOLERANCE if factor == 1 or problem.walls is None else LOOSE
-        found = equilibrium(problem.softer(factor), state, load=load, memory=memory, tolerance=way)
-        count += found.iterations
-        if found.state is None:
+    """As `equilibrium`; where contact is too stiff to converge from `start`, its stiffness grows in steps."""
+    result = equilibrium(problem, start, load=load, memory=memory, last=last, exact=exact, quick=quick)
+    if (problem.plane is None and problem.walls is None) or result.state is not None:
+        return result
+    state, count, stiffness, step = start, result.iterations, SOFTEST / 8, 8.0
+    while stiffness < 1 and step > 1.1:
+        factor = min(1.0, stiffness * step)
+        precision = TOLERANCE if factor == 1 or problem.walls is None else LOOSE
+        result = equilibrium(problem.softer(factor), state, load=load, memory=memory, tolerance=precision)
+        count += result.iterations
+        if result.state is None:
             step **= 0.5
         else:
-            state, met = found.state, factor
-    return replace(found, iterations=count)
+            state, stiffness = result.state, factor
+    return replace(result, iterations=count)
 
 
 def _chord(
@@ -544,11 +542,11 @@ def _chord(
     fine: float,
     newton: float,
 ) -> tuple[State, float | None]:
-    """The state after corrections with a tangent of nearby (the chord method), and the rate at which they
-    shrink where it is an equilibrium; the best state, and None, where they do not shrink fast enough.
+    """State after corrections with the tangent of a nearby state (chord method), and their rate of
+    convergence; the best state, and None, where they converge too slowly.
 
-    small: what corrections may leave, in mm and MPa, before an exact tangent brings one of its own; with a
-    rate below `fine` it brings none, and they leave EXACT of it. newton: the correction in mm by which this
+    small: largest corrections in mm and MPa that may remain before an exact tangent adds one of its own; at a
+    rate below `fine` none is added, and EXACT of them may remain. newton: the correction in mm by which this
     tangent has led to the state, or inf: the next ones shrink by a few times less.
     """
     older = before = np.inf
@@ -558,13 +556,13 @@ def _chord(
         if not (length < SHRINK * older and length < 2 * before):
             return state, None
         # what is left of this correction: linear convergence, the slower of one and of two steps
-        left = max(length / before, np.sqrt(length / older))
+        rate = max(length / before, np.sqrt(length / older))
         if np.isinf(before):
-            left = SHRINK if np.isinf(newton) else min(SHRINK, length / (SHRINK * newton))
-        share = EXACT if left < fine else 1.0
+            rate = SHRINK if np.isinf(newton) else min(SHRINK, length / (SHRINK * newton))
+        share = EXACT if rate < fine else 1.0
         state, older, before = _consistent(problem, moved(state, change)), before, length
-        if left * length < share * small[0] and left * np.abs(change.p).max() < share * small[1]:
-            return state, left
+        if rate * length < share * small[0] and rate * np.abs(change.p).max() < share * small[1]:
+            return state, rate
 
 
 def moved(state: State, change: State, factor: float = 1.0) -> State:
@@ -575,7 +573,7 @@ def moved(state: State, change: State, factor: float = 1.0) -> State:
 
 
 def _consistent(problem: Problem, state: State) -> State:
-    """The state with held nodes exactly where supports and the clamp's rotation put them."""
+    """The state with held nodes placed exactly by supports and the clamp's rotation."""
     u = state.u.copy()
     u.flat[problem.kernel.supported] = problem.prescribed
     u[problem.kernel.clamped] = problem.clamp_motion(state.rotation)[0]
@@ -583,10 +581,10 @@ def _consistent(problem: Problem, state: State) -> State:
 
 
 def imbalance(problem: Problem, state: State, load: float, memory: Memory | None) -> Residual:
-    """All residuals at a state, not condensed.
+    """Residual at a state, not condensed.
 
     The problem's own positions are used, those of held nodes included, so that a problem with other nodes or
-    prescribed displacements on the same kernel is differenced right.
+    prescribed displacements on this kernel is differenced right.
     """
     state = _consistent(problem, state)
     force, gap = problem.kernel.residual(state, problem.constants, load, memory, problem.geometry)

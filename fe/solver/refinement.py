@@ -1,7 +1,7 @@
-"""Changes of an equilibrium by a tangent that is factorised nearby, corrected until they are its own.
+"""Linear solves with an equilibrium's tangent by means of a tangent factorised nearby (iterative refinement).
 
-With K0 factorised and K the equilibrium's own tangent, x = K0^-1 r is corrected by K0^-1 (r - K x) (iterative
-refinement): a product K x of all columns at once and their back-substitution take a quarter of a new tangent.
+With K0 factorised and K the equilibrium's own tangent, x = K0^-1 r is corrected by K0^-1 (r - K x): a product
+K x of all columns at once and their back-substitution take a quarter of a new tangent.
 """
 
 from collections.abc import Sequence
@@ -17,33 +17,33 @@ ACCURATE = 1e-7  # of a change: what may be left of it
 
 
 class Corrected:
-    """The tangent of an equilibrium: the one that it was found with, or corrections of it; a new one where
-    they shrink too slowly. `step`: the newest one that is factorised."""
+    """Tangent of an equilibrium: factorised, or refined from a nearby one; factorised anew where refinement
+    converges too slowly. `step`: the newest factorised tangent."""
 
     def __init__(self, step: Step, place: Reached | None) -> None:
         self.step, self._place = step, place
 
     @staticmethod
-    def of(found: Equilibrium) -> "Corrected":
-        """That of an equilibrium which was found."""
-        assert found.step is not None
-        return Corrected(found.step, found.place)
+    def of(equilibrium: Equilibrium) -> "Corrected":
+        """The tangent of a converged equilibrium."""
+        assert equilibrium.step is not None
+        return Corrected(equilibrium.step, equilibrium.place)
 
     @property
     def slides(self) -> Flags | None:
-        """Where (f, q) the surface slides on a plane, or None without a plane."""
+        """Flags (f, q) of points that slide on an obstacle; None without one."""
         return self.step.slides
 
     def solve(self, residuals: Sequence[Residual]) -> list[State]:
-        """For each change of the residuals the change of state that cancels it."""
+        """Changes of state that cancel the residuals."""
         changes = self.step.solve(residuals)
         if self._place is None or not changes:
             return changes
         before = np.array([np.abs(x.u).max() for x in changes])
         enough = ACCURATE * before
         for _ in range(TURNS):
-            left = [r.plus(k) for r, k in zip(residuals, self._place.along(changes), strict=True)]
-            more = self.step.solve(left)
+            remainders = [r.plus(k) for r, k in zip(residuals, self._place.along(changes), strict=True)]
+            more = self.step.solve(remainders)
             size = np.array([np.abs(x.u).max() for x in more])
             changes = [moved(x, dx) for x, dx in zip(changes, more, strict=True)]
             if (size**2 <= enough * before).all():  # the next would shrink as this one did

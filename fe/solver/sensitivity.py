@@ -1,10 +1,10 @@
-"""Derivatives to parameters: a parameter is the test on either side of the present one, and the equilibrium
-answers to the difference of their residuals by the tangent that it has (direct differentiation).
+"""Derivatives with respect to parameters by direct differentiation.
 
-The two sides are solved nowhere; they share the base's mesh and held nodes. What they may change besides is
-carried whole: positions, materials, prescribed displacements, clamp, forces dead and growing, layer, plane,
-self-contact, precurvature, pressure, shares of a path, drift of the moduli, gravity, pulls.
-`refused` names what they may not.
+A parameter is given by the two tests on either side of the present one; the equilibrium's own tangent solves
+for the difference of their residuals. The two sides are not solved themselves; they share the base's mesh and
+held nodes. They may differ in all else: positions, materials, prescribed displacements, clamp, forces dead
+and growing, layer, obstacle, self-contact, precurvature, pressure, shares of a path, drift of the moduli,
+gravity, pulls. `refused` names what they may not change.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,8 @@ from fe.solver.refinement import Corrected
 
 @dataclass(frozen=True)
 class Variation:
-    """A parameter's direction: the test on either side of the present one, `step` of the parameter apart."""
+    """Central difference of a parameter: the tests on either side, `step` of the parameter away from the
+    base."""
 
     plus: tuple[Case, Path]
     minus: tuple[Case, Path]
@@ -32,20 +33,19 @@ class Variation:
 
 
 def refused(case: Case, path: Path, variations: Sequence[Variation]) -> None:
-    """Nothing, or ValueError that names what of a case or a path a variation changes, and whose derivative is
-    not computed."""
+    """ValueError naming a change of case or path by a variation whose derivative is not available."""
     for v in variations:
-        for other, way in (v.plus, v.minus):
-            found = _unsupported_change(case, other) or _unsupported_path_change(path, way)
-            if found:
+        for side, side_path in (v.plus, v.minus):
+            reason = _unsupported_change(case, side) or _unsupported_path_change(path, side_path)
+            if reason:
                 raise ValueError(
-                    f"a variation changes {found}: that derivative is not computed; keep it as it is in the "
+                    f"a variation changes {reason}: that derivative is not computed; keep it as it is in the "
                     "base, or solve both sides and take their difference"
                 )
 
 
 def _unsupported_change(base: Case, side: Case) -> str:
-    """What of a case differs that the derivative does not carry, or nothing."""
+    """Name of a change between two cases whose derivative is not available, or ""."""
     if side is base:
         return ""
     if side.element is not base.element or not _same(side.connectivity, base.connectivity):
@@ -68,7 +68,7 @@ def _unsupported_change(base: Case, side: Case) -> str:
 
 
 def _unsupported_path_change(base: Path, side: Path) -> str:
-    """What of a path differs that the derivative does not carry, or nothing."""
+    """Name of a change between two paths whose derivative is not available, or ""."""
     if not _same(side.time, base.time):
         return "`time`, when the pressure is given"
     if not _same(side.output, base.output):
@@ -94,7 +94,7 @@ def _without_memory(case: Case) -> Case:
 
 
 def _same(a: object, b: object) -> bool:
-    """Whether two values are equal throughout: arrays, records, mappings and tuples of them."""
+    """True if two values are equal: arrays, records, mappings and tuples of them."""
     if a is b:
         return True
     if is_dataclass(a) and type(a) is type(b):
@@ -108,55 +108,59 @@ def _same(a: object, b: object) -> bool:
 
 @dataclass(frozen=True)
 class Differenced:
-    """A parameter seen by its two neighbouring problems, `step` apart on either side: `plus` and `minus`."""
+    """The neighbouring problems of a parameter, `plus` and `minus`, `step` away from the base on either side.
+    """
 
     plus: Problem
     minus: Problem
     step: float
 
     @property
-    def rubs(self) -> bool:
-        """Whether there is friction in either."""
-        return self.plus.rubs or self.minus.rubs
+    def has_friction(self) -> bool:
+        """True if either neighbour has friction."""
+        return self.plus.has_friction or self.minus.has_friction
 
-    def remembers(self, plus: Path, minus: Path) -> bool:
-        """Whether the material of either may answer by other than a function of pressure over the moduli."""
-        return self.plus.remembers(plus) or self.minus.remembers(minus)
+    def has_memory(self, plus: Path, minus: Path) -> bool:
+        """True if the response of either neighbour may not be a function of pressure over the moduli."""
+        return self.plus.has_memory(plus) or self.minus.has_memory(minus)
 
     def sliding(self, where: Flags | None) -> "Differenced":
-        """The neighbours, sliding there (f, q) and nowhere else."""
-        if not self.rubs:
+        """The neighbours with prescribed flags (f, q) of sliding points."""
+        if not self.has_friction:
             return self
         return replace(self, plus=self.plus.sliding(where), minus=self.minus.sliding(where))
 
     def after(self, state: State, change: State, slides: Flags | None) -> "Differenced":
-        """The neighbours as they go on from the equilibrium `state`, which slides there (f, q), and of which
-        `change` is the derivative."""
-        if not self.rubs:
+        """The neighbours with slip updated to the equilibrium `state` with sliding points (f, q); `change`:
+        its derivative."""
+        if not self.has_friction:
             return self
         step, v = self.step * change.u, self.sliding(slides)
         return replace(self, plus=v.plus.after(state.u + step), minus=v.minus.after(state.u - step))
 
     def touch(self, base: Problem, state: State, change: State, slides: Flags | None) -> Array:
-        """The derivative (6,) of the obstacle's force and moment (`Problem.touch`) at the base's equilibrium,
-        which slides there (f, q), and of which `change` is the derivative."""
+        """Derivative (3,) of the obstacle's force (`Problem.touch`) at the base's equilibrium with
+        sliding points (f, q); `change`: the state's derivative."""
         v = self.sliding(slides)
-        own = (v.plus.touch(state.u) - v.minus.touch(state.u)) / (2 * self.step)
-        return own if base.plane is None else own + base.plane.along(base.case.nodes + state.u, change.u)
+        explicit = (v.plus.touch(state.u) - v.minus.touch(state.u)) / (2 * self.step)
+        if base.plane is None:
+            return explicit
+        return explicit + base.plane.along(base.case.nodes + state.u, change.u)
 
     @cached_property
     def placed_alike(self) -> bool:
-        """Whether nothing differs but constants of materials and outside forces: then so do the residuals."""
+        """True if the neighbours differ in material constants and outside forces alone: then so do the
+        residuals."""
         return bool(self.plus.placed_as(self.minus))
 
     @cached_property
     def rows(self) -> Integers:
-        """The elements (k,) whose law without memory differs."""
+        """Elements (k,) whose law differs, apart from memory."""
         return differing(self.plus.constants, self.minus.constants)
 
     @cached_property
     def history_only(self) -> bool:
-        """Whether nothing differs but the memory of the material, of which a curve knows nothing."""
+        """True if the neighbours differ by the material's memory alone, which does not affect a curve."""
         a, b = self.plus, self.minus
         return (
             np.array_equal(a.dead, b.dead)
@@ -167,28 +171,28 @@ class Differenced:
 
 
 def towards_memory(base: Problem, path: Path, varied: Differenced, paths: tuple[Path, Path]) -> bool:
-    """Whether two neighbours on their paths differ from a base that has no memory by theirs alone."""
+    """True if two neighbours on their paths differ from a base without memory by their memory alone."""
     held = base.plane is not None or base.walls is not None
-    if base.remembers(path) or held or not base.kernel.symmetric:
+    if base.has_memory(path) or held or not base.kernel.symmetric:
         return False
     sides = varied.plus, varied.minus
     return (
         varied.history_only
-        and any(q.remembers(path) for q in sides)
+        and any(q.has_memory(path) for q in sides)
         and all(
             _same(q.constants.instant, base.constants.instant)
             and np.array_equal(q.dead, base.dead)
             and (q.case is base.case or _same(_without_memory(q.case), _without_memory(base.case)))
-            and (way is path or _same(way, path))
-            for q, way in zip(sides, paths, strict=True)
+            and (side_path is path or _same(side_path, path))
+            for q, side_path in zip(sides, paths, strict=True)
         )
     )
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """A varied parameter at one time: the loads in MPa and the memories of its two neighbouring problems, and
-    where they are known their laws' answers to the state."""
+    """A parameter at one time: loads in MPa and memories of its two neighbouring problems, and their
+    constitutive responses to the state where known."""
 
     varied: Differenced
     load: tuple[float, float]
@@ -196,10 +200,10 @@ class Neighbours:
     answers: tuple[Response, Response] | None = None
 
     def residual(self, state: State) -> Residual:
-        """The residuals' derivative at fixed displacement, pressure modes and clamp rotation."""
+        """Derivative of the residual at fixed displacement, pressure modes and clamp rotation."""
         v, (a, b) = self.varied, self.memory
-        known = self.answers is not None or (a is None and b is None)
-        if not (v.placed_alike and known):
+        direct = self.answers is not None or (a is None and b is None)
+        if not (v.placed_alike and direct):
             plus, minus = (
                 imbalance(q, state, load, memory)
                 for q, load, memory in zip((v.plus, v.minus), self.load, self.memory, strict=True)
@@ -217,12 +221,12 @@ class Neighbours:
         return Residual(force, gap, v.plus.clamp_gap(state.rotation, force))
 
     def _inner(self, state: State) -> Array:
-        """The difference (n, 3) N of the two laws' nodal forces, with their memories."""
+        """Difference (n, 3) N of the neighbours' internal nodal forces, with their memories."""
         (a, b), (plus, minus) = self.memory, (self.varied.plus, self.varied.minus)
         if self.answers is not None:
-            one, other = self.answers
-            more = one.stress if a is None else a.stress(one)
-            return plus.kernel.internal(state.u, more - (other.stress if b is None else b.stress(other)))
+            upper, lower = self.answers
+            more = upper.stress if a is None else a.stress(upper)
+            return plus.kernel.internal(state.u, more - (lower.stress if b is None else b.stress(lower)))
         rows = self.varied.rows
         if not len(rows):
             return np.zeros_like(state.u)
@@ -230,8 +234,8 @@ class Neighbours:
         return plus.kernel.internal(state.u, more - less, rows)
 
     def held(self, rotation: float) -> Array:
-        """The derivative (n, 3) of what is not free to move: prescribed displacements, and the clamp's nodes,
-        which turn differently where they lie elsewhere."""
+        """Derivative (n, 3) of held displacements: prescribed ones, and the clamp's nodes, whose rotation
+        moves them by their positions."""
         out, v = np.zeros_like(self.varied.plus.dead), self.varied
         out.flat[v.plus.kernel.supported] = (v.plus.prescribed - v.minus.prescribed) / (2 * v.step)
         ahead, behind = (q.clamp_motion(rotation)[0] for q in (v.plus, v.minus))
@@ -240,14 +244,14 @@ class Neighbours:
 
 
 def differing(a: ElementConstants, b: ElementConstants) -> Integers:
-    """The elements (k,) whose stress without memory differs."""
+    """Elements (k,) whose stress without memory differs."""
     if a.table.shape != b.table.shape:
         return np.arange(len(a.table))
     return np.flatnonzero((a.table != b.table).any(axis=1))
 
 
 def sensitivities(step: Corrected, state: State, neighbours: Sequence[Neighbours]) -> list[State]:
-    """The derivatives of the state to parameters, by direct differentiation with its tangent."""
+    """Derivatives of the state by parameters: direct differentiation with its tangent."""
     if not neighbours:
         return []
     neighbours = [replace(n, varied=n.varied.sliding(step.slides)) for n in neighbours]
