@@ -1,4 +1,4 @@
-"""What has to be printed out: shapes in mm, x right and y down."""
+"""Sheets to print: shapes in mm, x right and y down."""
 
 from dataclasses import dataclass
 
@@ -46,16 +46,26 @@ def sheet(
 
 
 def dark_runs(dark: NDArray[np.bool_]) -> Array:
-    """Rectangles (n,4), in cells, that cover the dark cells: one for each run of them in a row."""
-    found = []
+    """Rectangles (n,4), in cells, that cover the dark cells: one for each run of them in a row.
+
+    >>> dark_runs(np.array([[True, True, False], [False, False, True]]))
+    array([[0., 0., 2., 1.],
+           [2., 1., 1., 1.]])
+    """
+    runs = []
     for row, line in enumerate(dark):
         ends = np.flatnonzero(np.diff(np.concatenate([[False], line, [False]]).astype(np.int8)))
-        found += [(first, row, last - first, 1) for first, last in ends.reshape(-1, 2)]
-    return np.array(found, dtype=np.float64).reshape(-1, 4)
+        runs += [(start, row, last - start, 1) for start, last in ends.reshape(-1, 2)]
+    return np.array(runs, dtype=np.float64).reshape(-1, 4)
 
 
 def dark_squares(columns: int, rows: int, *, white_first: bool = False) -> NDArray[np.bool_]:
-    """Which of columns x rows squares (rows,columns) are dark; the first one, unless `white_first`."""
+    """Mask (rows,columns) of the dark squares of a board; the first is dark, unless `white_first`.
+
+    >>> dark_squares(3, 2).astype(int)
+    array([[1, 0, 1],
+           [0, 1, 0]])
+    """
     return np.asarray((np.add.outer(np.arange(rows), np.arange(columns)) + white_first) % 2 == 0)
 
 

@@ -14,7 +14,19 @@ DISTORTION = ("k1", "k2", "p1", "p2", "k3")  # in OpenCV's order
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera with lens distortion as in OpenCV; pixel (0, 0) is the top-left one's centre."""
+    """A pinhole camera with lens distortion as in OpenCV; pixel (0, 0) is the top-left one's centre.
+
+    >>> import numpy as np
+    >>> matrix = np.array([[1000.0, 0, 640], [0, 1000, 360], [0, 0, 1]])
+    >>> camera = Camera(matrix, np.array([-0.1, 0, 0, 0, 0]), (1280, 720))
+    >>> raw = camera.distort(np.array([[640.0, 360.0], [1140.0, 360.0]]))  # k1 < 0: barrel distortion
+    >>> raw.round(1)
+    array([[ 640. ,  360. ],
+           [1127.5,  360. ]])
+    >>> camera.undistort(raw).round(6)
+    array([[ 640.,  360.],
+           [1140.,  360.]])
+    """
 
     matrix: Array  # (3,3) px
     distortion: Array  # (5,) k1 k2 p1 p2 k3
@@ -39,13 +51,19 @@ class Camera:
         return np.sqrt(np.diag(self.covariance))
 
     def moved(self, change: Array) -> "Camera":
-        """The camera with its `parameters` changed by (9,)."""
+        """The camera with its `parameters` changed by (9,).
+
+        >>> import numpy as np
+        >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), np.zeros(5), (1280, 720))
+        >>> camera.moved(np.array([2.0, 0, 0, 0, 0, 0, 0, 0, 0])).parameters[:2]
+        array([1002., 1000.])
+        """
         fx, fy, cx, cy, *rest = self.parameters + change
         matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         return replace(self, matrix=matrix, distortion=np.array(rest))
 
     def distort(self, points: Array) -> Array:
-        """Where ideal pinhole pixels (...,2) land in the raw picture (...,2) px."""
+        """Raw pixels (...,2) of ideal pinhole pixels (...,2)."""
         x, y = self._normal(points)
         k1, k2, p1, p2, k3 = self.distortion
         r2 = x * x + y * y

@@ -25,6 +25,9 @@ def dictionary_of(name: str) -> cv2.aruco.Dictionary:
     name: "DICT_4X4_50", "DICT_APRILTAG_36h11", ..., or the path of a file as OpenCV writes it, with
     nmarkers, markersize, maxCorrectionBits and marker_0, ... of zeros and ones (.yml, .xml, .json).
     Raises ValueError for a name that OpenCV does not have and for a file that is none.
+
+    >>> len(dictionary_of("DICT_APRILTAG_36h11").bytesList)
+    587
     """
     if Path(name).suffix.lower() in FILES:
         return _from_file(name)
@@ -40,6 +43,14 @@ def bits_of(marker: int, dictionary: str) -> NDArray[np.uint8]:
     """Cells (n,n) of a marker with its black border, 0 black and 255 white.
 
     Raises ValueError for an id that the dictionary does not have.
+
+    >>> (bits_of(0, "DICT_4X4_50") == 255).astype(int)
+    array([[0, 0, 0, 0, 0, 0],
+           [0, 1, 0, 1, 1, 0],
+           [0, 0, 1, 0, 1, 0],
+           [0, 0, 0, 1, 1, 0],
+           [0, 0, 0, 1, 0, 0],
+           [0, 0, 0, 0, 0, 0]])
     """
     words = dictionary_of(dictionary)
     if not 0 <= marker < len(words.bytesList):
@@ -71,14 +82,14 @@ def _from_file(name: str) -> cv2.aruco.Dictionary:
 def other_dictionary(images: Iterable[Image], tried: str) -> tuple[str, int] | None:
     """The other predefined dictionary that finds most markers in the images, and how many, if any does."""
     pictures = list(images)
-    found: dict[str, list[int]] = {}
+    seen: dict[str, list[int]] = {}
     for family, _ in FAMILIES:
         detector = cv2.aruco.ArucoDetector(dictionary_of(family))
         ids = [detector.detectMarkers(picture)[1] for picture in pictures]
-        found[family] = [int(i) for some in ids if some is not None for i in np.asarray(some).reshape(-1)]
-    best, sizes = max(FAMILIES, key=lambda f: len(found[f[0]]))
-    if len(found[best]) < 2:  # the larger families decode a mark of anything: a lone one is no evidence
+        seen[family] = [int(i) for part in ids if part is not None for i in np.asarray(part).reshape(-1)]
+    best, sizes = max(FAMILIES, key=lambda f: len(seen[f[0]]))
+    if len(seen[best]) < 2:  # the larger families decode a mark of anything: a lone one is no evidence
         return None
-    enough = [best.replace("1000", str(size)) for size in sizes if max(found[best]) < size]
+    enough = [best.replace("1000", str(size)) for size in sizes if max(seen[best]) < size]
     name = enough[0] if enough else best
-    return None if name == tried else (name, len(found[best]))
+    return None if name == tried else (name, len(seen[best]))

@@ -17,7 +17,7 @@ PAPER = 1.6  # side of the clear square round a dot, in its diameters
 
 
 class Texture(NamedTuple):
-    """A mark as it is printed, in texels, with its clear border."""
+    """A printed mark with its clear border, in texels."""
 
     paper: Array  # (k,k) 1 white, 0 black
     per_mm: float  # texels
@@ -33,12 +33,12 @@ class MarkKind(Protocol):
 
     @property
     def shows_turn(self) -> bool:
-        """Whether its picture tells how it is turned and how large it looks."""
+        """True if its picture tells how it is turned and how large it looks."""
         ...
 
     @property
     def stretches(self) -> bool:
-        """Whether it grows with the skin that it is on, so that its size tells nothing of its distance."""
+        """True if it grows with the skin that it is on: its size tells nothing of its distance."""
         ...
 
     def artwork(self, dictionary: str) -> Artwork:
@@ -46,13 +46,17 @@ class MarkKind(Protocol):
         ...
 
     def texture(self, texels_per_mm: float, dictionary: str) -> Texture:
-        """The print with about so many texels a mm. Raises ValueError for a kind that is not printed."""
+        """The print with about `texels_per_mm`. Raises ValueError for a kind that is not printed."""
         ...
 
 
 @dataclass(frozen=True)
 class CodedMarker:
-    """A marker by its number in the dictionary; size_mm is the side of the square with the code."""
+    """A marker by its number in the dictionary; size_mm is the side of the square with the code.
+
+    >>> CodedMarker(3, 12.0).artwork("DICT_4X4_50").width  # mm, with the clear border
+    16.0
+    """
 
     code: int
     size_mm: float
@@ -68,7 +72,7 @@ class CodedMarker:
         return sheet((side, side), rectangles=shifted(dark_runs(dark) * cell, border, border))
 
     def texture(self, texels_per_mm: float, dictionary: str) -> Texture:
-        """The print with whole texels a cell, at least so many a mm."""
+        """The print with whole texels a cell, at least `texels_per_mm` a mm."""
         bits = bits_of(self.code, dictionary)
         cells = len(bits)
         texels = int(np.ceil(texels_per_mm * self.size_mm / cells))
@@ -92,7 +96,7 @@ class PlainDot:
         return sheet((side, side), circles=circle)
 
     def texture(self, texels_per_mm: float, dictionary: str) -> Texture:
-        """The print with so many texels a mm, its edge one texel wide."""
+        """The print with `texels_per_mm` texels a mm, its edge one texel wide."""
         side = int(np.ceil(PAPER * self.size_mm * texels_per_mm))
         offset = np.arange(side) - 0.5 * (side - 1)
         edge = np.hypot(offset[:, None], offset[None]) - 0.5 * self.size_mm * texels_per_mm

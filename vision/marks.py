@@ -20,7 +20,7 @@ CLOSELY = {"adaptiveThreshConstant": 15.0, "perspectiveRemovePixelPerCell": 8,
 
 @dataclass(frozen=True)
 class Mark:
-    """What is glued where."""
+    """A mark: kind, place and role."""
 
     name: str
     kind: MarkKind  # `CodedMarker(code, size_mm)`, `PlainDot(size_mm)`, `TexturePatch(size_mm, ...)`
@@ -35,12 +35,20 @@ class Mark:
 
     @property
     def owner(self) -> str:
-        """What an error of its place is named after."""
+        """Name of the errors of its place."""
         return self.group or self.name
 
 
 def rows_of(marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
-    """Rows of the frame marks and of all others, which are given out."""
+    """Rows of the frame marks and of all others, which are given out.
+
+    >>> from vision.kinds import CodedMarker
+    >>> marks = [Mark(f"m{i}", CodedMarker(i, 9.0), (0.0, 0.0, 0.0), role) for i, role in enumerate(ROLES)]
+    >>> rows_of(marks)
+    ([0], [1, 2])
+    >>> codes_of(marks)
+    {0: 0, 1: 1, 2: 2}
+    """
     frame = [p for p, mark in enumerate(marks) if mark.role == "frame"]
     return frame, [p for p in range(len(marks)) if p not in frame]
 
@@ -61,7 +69,7 @@ def dots_of(marks: Sequence[Mark]) -> list[int]:
 
 
 def patches_of(marks: Sequence[Mark]) -> dict[int, TexturePatch]:
-    """Row of every natural feature, and what is known of it."""
+    """Row of every natural feature, and its kind."""
     return {p: mark.kind for p, mark in enumerate(marks) if isinstance(mark.kind, TexturePatch)}
 
 
@@ -72,10 +80,7 @@ def registered_of(marks: Sequence[Mark]) -> list[int]:
 
 def check_names(marks: Sequence[Mark]) -> None:
     """Raises ValueError for marks that share a name or an id, or have an unknown role or no size."""
-    for what, values in (
-        ("name", [m.name for m in marks]),
-        ("marker", list(codes_of(marks).values())),
-    ):
+    for what, values in (("name", [m.name for m in marks]), ("marker", list(codes_of(marks).values()))):
         twice = [v for i, v in enumerate(values) if v in values[:i]]
         if twice:
             raise ValueError(f"{what} {twice[0]!r} is given to two markers: give each its own")
@@ -90,12 +95,21 @@ def check_names(marks: Sequence[Mark]) -> None:
 
 
 def detect(image: Image, dictionary: str) -> tuple[dict[int, Array], set[int]]:
-    """Corners (4,2) raw px of each marker seen once, and the ids that are seen more often."""
+    """Corners (4,2) raw px of each marker seen once, and the ids that are seen more often.
+
+    >>> import numpy as np
+    >>> from vision.dictionaries import bits_of
+    >>> picture = np.full((120, 120), 200, np.uint8)
+    >>> picture[30:90, 30:90] = np.kron(bits_of(7, "DICT_4X4_50") // 255, np.full((10, 10), 200, np.uint8))
+    >>> corners, several = detect(picture, "DICT_4X4_50")
+    >>> {code: quad.round().tolist() for code, quad in corners.items()}
+    {7: [[30.0, 30.0], [89.0, 30.0], [89.0, 89.0], [30.0, 89.0]]}
+    """
     return _once(detect_all(image, dictionary))
 
 
 def detect_all(image: Image, dictionary: str) -> list[tuple[int, Array]]:
-    """Ids and corners (4,2) raw px of all markers, an id as often as it is seen.
+    """Ids and corners (4,2) raw px of all markers, an id once for every time that it is seen.
 
     Where hardly any black marker on white is seen, white ones on black are looked for too. (OpenCV's
     detectInvertedMarker sees some of both, but loses one in twenty.)
@@ -106,18 +120,16 @@ def detect_all(image: Image, dictionary: str) -> list[tuple[int, Array]]:
     return max(seen, _detect(np.asarray(255 - image, dtype=np.uint8), dictionary), key=len)
 
 
-def detect_wanted(
-    image: Image, dictionary: str, wanted: Collection[int]
-) -> tuple[dict[int, Array], set[int]]:
-    """As `detect`, with a closer look, which takes as long again, where one of the wanted ids is not seen.
+def detect_wanted(image: Image, dictionary: str, ids: Collection[int]) -> tuple[dict[int, Array], set[int]]:
+    """Markers as from `detect`, with a closer look, which takes as long again, where an id is not seen.
 
     Of drawn markers of 19 to 36 px the first look misses 9 %, both together 1.4 %.
     """
-    found, several = detect(image, dictionary)
-    if missing := set(wanted) - set(found) - several:
+    quads, several = detect(image, dictionary)
+    if missing := set(ids) - set(quads) - several:
         closer = _once(_detect(image, dictionary, **CLOSELY))[0]
-        found |= {name: quad for name, quad in closer.items() if name in missing}
-    return found, several
+        quads |= {name: quad for name, quad in closer.items() if name in missing}
+    return quads, several
 
 
 def _detect(image: Image, dictionary: str, **more: float) -> list[tuple[int, Array]]:

@@ -1,4 +1,4 @@
-"""Where a camera stands over the plane of the frame marks, and what that does to places off the plane.
+"""Place of a camera over the plane of the frame marks, and perspective of places off the plane.
 
 A mark's height is how far its own plane is in front of the frame marks' plane, towards +y.
 """
@@ -16,23 +16,29 @@ MOST_FRAMES = 200  # that the viewpoint is the median of
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where the camera stands over the plane."""
+    """Place of the camera over the plane."""
 
     foot: Array  # (2,) mm, x and z of the point of the plane right below it
     distance: float  # mm from the plane, positive towards +y
 
 
 def viewpoint(camera: Camera, homography: Array) -> Viewpoint:
-    """Where a camera stands that sees the plane under homographies (t,3,3), mm to ideal px.
+    """Place of a camera that sees the plane under homographies (t,3,3), mm to ideal px.
 
     H = K [r1 r2 t] up to scale, doi 10.1109/34.888718; the median over the frames, because one frame's six
     marks leave it uncertain by a millimetre or so.
+
+    >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), np.zeros(5), (1280, 720))
+    >>> homography = np.array([[[-2.0, 0, 100], [0, -2, 40], [0, 0, 1]]])  # 2 px per mm, x to the left, z up
+    >>> view = viewpoint(camera, homography)
+    >>> view.foot.round(6), round(view.distance, 6)
+    (array([50., 20.]), 500.0)
     """
-    known = homography[np.isfinite(homography[:, 0, 0])]
-    known = known[:: max(len(known) // MOST_FRAMES, 1)]
-    if not len(known):
+    finite = homography[np.isfinite(homography[:, 0, 0])]
+    finite = finite[:: max(len(finite) // MOST_FRAMES, 1)]
+    if not len(finite):
         return Viewpoint(np.full(2, np.nan), np.nan)
-    columns = np.linalg.inv(camera.matrix) @ known
+    columns = np.linalg.inv(camera.matrix) @ finite
     columns = (
         columns
         / np.sqrt(np.linalg.norm(columns[..., 0], axis=1) * np.linalg.norm(columns[..., 1], axis=1))[
@@ -64,7 +70,7 @@ def heights(marks: Sequence[Mark], frame: Sequence[int]) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Projection:
-    """How the camera sees the world while its frame marks are seen under homographies."""
+    """World to raw pixels and back, while the frame marks are seen under homographies."""
 
     camera: Camera
     homography: Array  # (t,3,3) frame marks' plane (x, z, 1) mm to ideal px; NaN: not enough marks seen
@@ -75,12 +81,7 @@ class Projection:
     def of(cls, camera: Camera, homography: Array, marks: Sequence[Mark]) -> "Projection":
         """The projection of a film; marks: those whose frame marks made its homographies."""
         plane = float(np.mean([mark.position[1] for mark in marks if mark.role == "frame"]))
-        return cls(
-            camera=camera,
-            homography=homography,
-            view=viewpoint(camera, homography),
-            plane_mm=plane,
-        )
+        return cls(camera=camera, homography=homography, view=viewpoint(camera, homography), plane_mm=plane)
 
     def pixels(self, places: Array, frame: int) -> Array:
         """Raw pixels (n,2) of places (n,3) mm in world axes in one frame; NaN where that has no homography.

@@ -39,13 +39,22 @@ def plane_of(nominal: Array, ideal: Array) -> Plane:
     field = _field(nominal, nominal)
     normal = np.einsum("fia,tfij,fjb->tab", field, _weights(nominal, seen, homography), field)
     spread = np.full(normal.shape, np.nan)
-    known = np.isfinite(homography[:, 0, 0])
-    spread[known] = _each(np.linalg.inv, normal[known])
+    finite = np.isfinite(homography[:, 0, 0])
+    spread[finite] = _each(np.linalg.inv, normal[finite])
     return Plane(nominal, seen, homography, spread, to_plane(homography, ideal) - nominal)
 
 
 def fit_homography(plane: Array, pixels: Array) -> Array:
-    """Least-squares homography (3,3) from plane points (n,2) mm to ideal pixels (n,2), n >= 4."""
+    """Least-squares homography (3,3) from plane points (n,2) mm to ideal pixels (n,2), n >= 4.
+
+    >>> square = np.array([[0.0, 0], [100, 0], [100, 50], [0, 50]])  # mm
+    >>> pixels = square * 3.0 + (200.0, 100.0)
+    >>> homography = fit_homography(square, pixels)
+    >>> homography.round(6)
+    array([[  3.,   0., 200.],
+           [  0.,   3., 100.],
+           [  0.,   0.,   1.]])
+    """
     return np.asarray(homographies(plane, pixels[None])[0])
 
 
@@ -64,23 +73,23 @@ def homographies(plane: Array, ideal: Array) -> Array:
     to_local, to_unit = _centring(plane), _centring(ideal[seen])
     local = np.column_stack([plane, np.ones(len(plane))]) @ to_local.T
     pixels = np.where(seen[rows, :, None], ideal[rows], 0.0) * to_unit[0, 0] + to_unit[:2, 2]
-    found, fit = _direct(local, pixels, seen[rows])
+    solution, fit = _direct(local, pixels, seen[rows])
     for _ in range(STEPS):
-        found[fit] = _improved(found[fit], local, pixels[fit], seen[rows][fit])
-    full = np.linalg.inv(to_unit) @ found[fit] @ to_local
+        solution[fit] = _improved(solution[fit], local, pixels[fit], seen[rows][fit])
+    full = np.linalg.inv(to_unit) @ solution[fit] @ to_local
     result[rows[fit]] = full / full[:, 2:, 2:]
     return result
 
 
 def _wide(plane: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether the marks that are seen (t,f), at plane (f,2) mm, tell a homography."""
+    """Mask (t,) of the frames whose marks that are seen (t,f), at plane (f,2) mm, tell a homography."""
     field = _field(plane, plane)
     power = np.linalg.eigvalsh(np.einsum("fia,tf,fib->tab", field, seen.astype(np.float64), field))
     return np.asarray(power[:, 0] > SLIM * power[:, -1])
 
 
 def _each(of: Callable[..., Array], *stacks: Array) -> Array:
-    """What a function of numpy makes of stacks (t,...) of matrices, NaN for those that are singular."""
+    """Result of a function of numpy for stacks (t,...) of matrices, NaN for those that are singular."""
     try:
         return of(*stacks)
     except np.linalg.LinAlgError:
@@ -101,16 +110,13 @@ def _direct(local: Array, pixels: Array, seen: NDArray[np.bool_]) -> tuple[Array
     wide = np.broadcast_to(local, zero.shape)
     rows = [
         np.concatenate(parts, axis=2) * seen[..., None]
-        for parts in (
-            (wide, zero, -pixels[..., :1] * wide),
-            (zero, wide, -pixels[..., 1:] * wide),
-        )
+        for parts in ((wide, zero, -pixels[..., :1] * wide), (zero, wide, -pixels[..., 1:] * wide))
     ]
     equations = np.concatenate(rows, axis=1)
     power, vectors = np.linalg.eigh(np.swapaxes(equations, 1, 2) @ equations)
-    found = vectors[:, :, 0].reshape(-1, 3, 3)
-    fit = (power[:, 1] > FLAT * power[:, -1]) & (np.abs(found[:, 2, 2]) > FLAT)
-    return found / np.where(fit, found[:, 2, 2], 1.0)[:, None, None], fit
+    solution = vectors[:, :, 0].reshape(-1, 3, 3)
+    fit = (power[:, 1] > FLAT * power[:, -1]) & (np.abs(solution[:, 2, 2]) > FLAT)
+    return solution / np.where(fit, solution[:, 2, 2], 1.0)[:, None, None], fit
 
 
 def _improved(homography: Array, local: Array, pixels: Array, seen: NDArray[np.bool_]) -> Array:
@@ -118,9 +124,9 @@ def _improved(homography: Array, local: Array, pixels: Array, seen: NDArray[np.b
     mapped = np.einsum("tij,fj->tfi", homography, local)
     u, v, w = np.moveaxis(mapped, -1, 0)
     x, y = local[:, 0], local[:, 1]
-    u, v, one, zero = u / w, v / w, np.ones_like(w), np.zeros_like(w)
-    across = np.stack([x * one, y * one, one, zero, zero, zero, -u * x, -u * y], axis=-1)
-    down = np.stack([zero, zero, zero, x * one, y * one, one, -v * x, -v * y], axis=-1)
+    u, v, ones, zero = u / w, v / w, np.ones_like(w), np.zeros_like(w)
+    across = np.stack([x * ones, y * ones, ones, zero, zero, zero, -u * x, -u * y], axis=-1)
+    down = np.stack([zero, zero, zero, x * ones, y * ones, ones, -v * x, -v * y], axis=-1)
     slope = np.concatenate([across, down], axis=1) / np.concatenate([w, w], axis=1)[..., None]
     slope = slope * np.concatenate([seen, seen], axis=1)[..., None]
     error = np.concatenate([pixels[..., 0] - u, pixels[..., 1] - v], axis=1)
@@ -130,16 +136,29 @@ def _improved(homography: Array, local: Array, pixels: Array, seen: NDArray[np.b
 
 
 def to_plane(homography: Array, ideal: Array) -> Array:
-    """Plane coordinates mm (t,p,2) of ideal pixels (t,p,2) under homographies (t,3,3); NaN stays NaN."""
+    """Plane coordinates mm (t,p,2) of ideal pixels (t,p,2) under homographies (t,3,3); NaN stays NaN.
+
+    >>> homography = np.array([[[3.0, 0, 200], [0, 3, 100], [0, 0, 1]]])  # 3 px per mm
+    >>> to_plane(homography, np.array([[[350.0, 175.0], [np.nan, np.nan]]]))
+    array([[[50., 25.],
+            [nan, nan]]])
+    """
     inverse = np.full(homography.shape, np.nan)
-    known = np.isfinite(homography[:, 0, 0])
-    inverse[known] = _each(np.linalg.inv, homography[known])
+    finite = np.isfinite(homography[:, 0, 0])
+    inverse[finite] = _each(np.linalg.inv, homography[finite])
     mapped = np.einsum("tij,tpj->tpi", inverse[:, :, :2], ideal) + inverse[:, None, :, 2]
     return np.asarray(mapped[..., :2] / mapped[..., 2:])
 
 
 def place_noise(plane: Plane, place: Array) -> Array:
-    """Covariance (t,p,2,2) mm2 of places (t,p,2) mm for pixel noise of unit variance in the frame marks."""
+    """Covariance (t,p,2,2) mm2 of places (t,p,2) mm for pixel noise of unit variance in the frame marks.
+
+    >>> frame = np.array([[0.0, 0], [100, 0], [100, 50], [0, 50]])  # mm
+    >>> plane = plane_of(frame, 3.0 * frame[None] + 200.0)
+    >>> noise = place_noise(plane, np.array([[[50.0, 25.0], [100.0, 25.0], [150.0, 25.0]]]))
+    >>> np.sqrt(noise[0, :, 0, 0]).round(2)  # mm in x for 1 px in each frame mark: least in the middle
+    array([0.37, 0.24, 1.07])
+    """
     field = _field(plane.nominal, place)
     return np.asarray(np.einsum("tpia,tab,tpjb->tpij", field, plane.spread, field))
 
@@ -149,8 +168,8 @@ def shared_noise(plane: Plane, place: Array) -> Array:
     marks, mean over the frames."""
     field, spread = _field(plane.nominal, place), np.nanmean(plane.spread, axis=0)
     every = np.einsum("pia,ab,pib->i", field, spread, field)
-    whole = np.einsum("ia,ab,ib->i", field.sum(axis=0), spread, field.sum(axis=0))
-    return np.asarray((whole - every) / max(len(place) * (len(place) - 1), 1))
+    total = np.einsum("ia,ab,ib->i", field.sum(axis=0), spread, field.sum(axis=0))
+    return np.asarray((total - every) / max(len(place) * (len(place) - 1), 1))
 
 
 def misplaced(plane: Plane, place: Array) -> Array:
@@ -182,7 +201,7 @@ def _field(plane: Array, place: Array) -> Array:
     """
     middle, half = plane.mean(axis=0), 0.5 * float(np.ptp(plane, axis=0).max())
     x, z = np.moveaxis((place - middle) / half, -1, 0)
-    one, zero = np.ones_like(x), np.zeros_like(x)
-    across = np.stack([one, x, z, zero, zero, zero, x * x, x * z], axis=-1)
-    up = np.stack([zero, zero, zero, one, x, z, x * z, z * z], axis=-1)
+    ones, zero = np.ones_like(x), np.zeros_like(x)
+    across = np.stack([ones, x, z, zero, zero, zero, x * x, x * z], axis=-1)
+    up = np.stack([zero, zero, zero, ones, x, z, x * z, z * z], axis=-1)
     return np.stack([across, up], axis=-2)

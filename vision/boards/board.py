@@ -16,7 +16,7 @@ _KINDS: dict[str, type["Board"]] = {}
 
 @dataclass(frozen=True)
 class BoardView:
-    """What one picture shows of a board."""
+    """Points of a board in one picture."""
 
     points: Array  # (n,3) mm on the board
     pixels: Array  # (n,2) raw px
@@ -30,7 +30,7 @@ NOTHING = BoardView(np.empty((0, 3)), np.empty((0, 2)))
 
 
 class Print(NamedTuple):
-    """A board as it is printed, in texels."""
+    """A printed board, in texels."""
 
     paper: Array  # (h,w) 1 white, 0 black
     origin: float  # texels, x and y of the board's point (0, 0)
@@ -74,14 +74,19 @@ class Board(ABC):
 
     @staticmethod
     def of(kind: str, **stated: Any) -> "Board":
-        """The board of a kind, from what is stated of it; what the kind does not have is left out.
+        """The board of a kind, from the fields that this kind has.
 
         Raises ValueError for a kind that does not exist.
+
+        >>> from vision.boards import chessboard
+        >>> board = Board.of("chessboard", columns=3, rows=2, square_mm=20.0)
+        >>> board.points[:4].tolist()
+        [[0.0, 0.0, 0.0], [20.0, 0.0, 0.0], [40.0, 0.0, 0.0], [0.0, 20.0, 0.0]]
         """
         if kind not in _KINDS:
             raise ValueError(f"board kind {kind!r} is not known: use one of {', '.join(_KINDS)}")
-        own = {field.name for field in fields(_KINDS[kind])}
-        return _KINDS[kind](**{name: value for name, value in stated.items() if name in own})
+        names = {field.name for field in fields(_KINDS[kind])}
+        return _KINDS[kind](**{name: value for name, value in stated.items() if name in names})
 
     @staticmethod
     def kinds() -> dict[str, type["Board"]]:
@@ -95,7 +100,7 @@ class Board(ABC):
         return np.stack([column, row, np.zeros(len(row))], axis=1) * self.square_mm
 
     def find(self, picture: Image) -> BoardView:
-        """Where a picture (h,w), black on white, shows the board; `NOTHING` where it does not.
+        """Points of the board in a picture (h,w), black on white; `NOTHING` where it is not seen.
 
         On a mirrored board the points are those of the print: x runs to the left.
         """
@@ -107,7 +112,7 @@ class Board(ABC):
 
     @abstractmethod
     def look(self, picture: Image) -> BoardView:
-        """The same for a board that is not mirrored."""
+        """Points of a board that is not mirrored."""
 
     @abstractmethod
     def artwork(self) -> Artwork:
@@ -115,21 +120,21 @@ class Board(ABC):
 
     @abstractmethod
     def print_of(self, texels: float) -> Print:
-        """The print with about so many texels a square, never fewer."""
+        """The print with `texels` texels a square or a few more."""
 
     def other_readings(self) -> list[Reading]:
         """The same print, counted or drawn otherwise."""
         return []
 
-    def advice(self, pictures: Sequence[Image], wanted: int) -> str:
-        """What to do where too few pictures show the board, as the end of a sentence.
+    def advice(self, pictures: Sequence[Image], needed: int) -> str:
+        """Advice where too few pictures show the board, as the end of a sentence.
 
         wanted: number of pictures that must show it.
         """
         return ": check kind, columns and rows, and photograph the whole board sharply" + self.doubt(pictures)
 
     def doubt(self, pictures: Sequence[Image]) -> str:
-        """What speaks for another kind of board, as the end of a sentence; "" where nothing does."""
+        """Evidence for another kind of board, as the end of a sentence; "" where there is none."""
         return ""
 
     def usable(self, pictures: Sequence[Image]) -> int:

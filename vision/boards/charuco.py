@@ -40,6 +40,9 @@ class CharucoBoard(Board, kind="charuco"):
     legacy: as OpenCV drew it before 4.6: it begins with a white square when rows are even.
 
     Raises ValueError for markers that do not fit the squares, and for a dictionary with too few of them.
+
+    >>> CharucoBoard(columns=3, rows=3, square_mm=20.0, marker_mm=15.0).points.tolist()
+    [[20.0, 20.0, 0.0], [40.0, 20.0, 0.0], [20.0, 40.0, 0.0], [40.0, 40.0, 0.0]]
     """
 
     marker_mm: float
@@ -94,9 +97,9 @@ class CharucoBoard(Board, kind="charuco"):
         """Corners and ids of the markers that the picture shows once."""
         corners, ids, _ = cv2.aruco.ArucoDetector(dictionary_of(self.dictionary)).detectMarkers(picture)
         names = [] if ids is None else np.asarray(ids).ravel().tolist()
-        kept = [i for i, name in enumerate(names) if names.count(name) == 1]
-        quads = [np.asarray(corners[i], dtype=np.float32) for i in kept]
-        return quads, np.array([names[i] for i in kept], dtype=np.int32)
+        rows = [i for i, name in enumerate(names) if names.count(name) == 1]
+        quads = [np.asarray(corners[i], dtype=np.float32) for i in rows]
+        return quads, np.array([names[i] for i in rows], dtype=np.int32)
 
     def artwork(self) -> Artwork:
         """The sheet to print, with a clear border of half a square."""
@@ -111,37 +114,37 @@ class CharucoBoard(Board, kind="charuco"):
         """Black rectangles (n,4) mm of the markers in the white squares."""
         printed, words = self.opencv, dictionary_of(self.dictionary)
         cell = self.marker_mm / (words.markerSize + 2)
-        found = []
+        rectangles = []
         for marker, corners in zip(np.asarray(printed.getIds()).ravel(), printed.getObjPoints(), strict=True):
             x, y, _ = np.asarray(corners, dtype=np.float64)[0]
-            found.append(shifted(dark_runs(bits_of(int(marker), self.dictionary) == 0) * cell, x, y))
-        return np.concatenate(found)
+            rectangles.append(shifted(dark_runs(bits_of(int(marker), self.dictionary) == 0) * cell, x, y))
+        return np.concatenate(rectangles)
 
     def print_of(self, texels: float) -> Print:
-        """The print with at least so many texels a square."""
+        """The print with at least `texels` texels a square."""
         square = self._square_texels(texels)
         size = (self.columns * square, self.rows * square)
         printed = np.asarray(self.opencv.generateImage(size, marginSize=0, borderBits=1))
         border = square // 2
         return Print(np.pad(printed / 255.0, border, constant_values=1.0), border, square / self.square_mm)
 
-    def _square_texels(self, wanted: float) -> int:
+    def _square_texels(self, least: float) -> int:
         """Texels per square, at least the wanted number, for which the marker's cells come out whole."""
         cells = dictionary_of(self.dictionary).markerSize + 2
-        for square in range(int(wanted), int(wanted) + 400):
+        for square in range(int(least), int(least) + 400):
             marker = square * self.marker_mm / self.square_mm
             if abs(marker / cells - round(marker / cells)) < 1e-6 and (square - round(marker)) % 2 == 0:
                 return square
-        return int(wanted) + int(wanted) % 2
+        return int(least) + int(least) % 2
 
     def other_readings(self) -> list[Reading]:
         """As OpenCV drew it before 4.6, where that is different."""
-        said = "The ChArUco board was read as OpenCV before 4.6 drew it, with a white square first."
+        text = "The ChArUco board was read as OpenCV before 4.6 drew it, with a white square first."
         differs = self.rows % 2 == 0 and not self.legacy
-        return [Reading(replace(self, legacy=True), said, asks=False)] if differs else []
+        return [Reading(replace(self, legacy=True), text, asks=False)] if differs else []
 
-    def advice(self, pictures: Sequence[Image], wanted: int) -> str:
-        """What to do: another dictionary, inverted, columns for rows, or a sharper picture."""
+    def advice(self, pictures: Sequence[Image], needed: int) -> str:
+        """Advice: another dictionary, inverted, columns for rows, or a sharper picture."""
         detector = cv2.aruco.ArucoDetector(dictionary_of(self.dictionary))
         markers = sum(len(detector.detectMarkers(picture)[0]) for picture in pictures)
         start, few = f"; {self.dictionary} finds {markers}", pictures[:2]
@@ -149,10 +152,10 @@ class CharucoBoard(Board, kind="charuco"):
             others = sum(len(detector.detectMarkers(changed(p))[0]) for p in pictures)
             if others > 2 * markers + 3:
                 return start + f" and {others} in the {word} pictures: {key}"
-        other = other_dictionary(few, self.dictionary) if markers < len(pictures) else None
-        if other:
-            return start + f", {other[0]} finds {other[1]} in the first {len(few)}: set that dictionary"
+        better = other_dictionary(few, self.dictionary) if markers < len(pictures) else None
+        if better:
+            return start + f", {better[0]} finds {better[1]} in the first {len(few)}: set that dictionary"
         turned = replace(self, columns=self.rows, rows=self.columns)
-        if turned.usable(pictures) >= wanted:
+        if turned.usable(pictures) >= needed:
             return start + f": the board is one of {self.rows} columns and {self.columns} rows, set these"
         return start + ": check columns, rows and dictionary, and photograph the whole board sharply"

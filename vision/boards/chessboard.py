@@ -23,21 +23,21 @@ class Chessboard(Board, kind="chessboard"):
         """All corners, by OpenCV's classic finder, and its sector-based one where that fails."""
         size = (self.columns, self.rows)
         small, factor = shrunk(picture)
-        found, corners = cv2.findChessboardCorners(small, size)
-        if not found:
-            found, corners = cv2.findChessboardCornersSB(small, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
-        if not found:
+        seen, corners = cv2.findChessboardCorners(small, size)
+        if not seen:
+            seen, corners = cv2.findChessboardCornersSB(small, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+        if not seen:
             return NOTHING
         pixels = (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + 0.5) * factor - 0.5
         return refined(picture, self.points, pixels, WINDOW * self.square_mm)
 
     def doubt(self, pictures: Sequence[Image]) -> str:
-        """Whether markers stand in its squares."""
+        """Evidence for markers in its squares, as the end of a sentence."""
         few = pictures[:2]
-        other = other_dictionary(few, "")
-        if other is None or other[1] < MARKERS * len(few):
+        markers = other_dictionary(few, "")
+        if markers is None or markers[1] < MARKERS * len(few):
             return ""
-        return f"; {other[0]} finds {other[1]} markers in the first {len(few)}: is the kind charuco?"
+        return f"; {markers[0]} finds {markers[1]} markers in the first {len(few)}: is the kind charuco?"
 
     def artwork(self) -> Artwork:
         """The sheet to print, with a clear border of half a square."""
@@ -48,7 +48,7 @@ class Chessboard(Board, kind="chessboard"):
         return sheet(size, rectangles=shifted(dark, border, border), inverted=self.inverted)
 
     def print_of(self, texels: float) -> Print:
-        """The print with at least so many texels a square; (0, 0) is an inner corner."""
+        """The print with at least `texels` texels a square; (0, 0) is an inner corner."""
         square = 2 * int(np.ceil(0.5 * texels))  # halves are whole texels
         white = ~dark_squares(self.columns + 1, self.rows + 1)
         paper = np.kron(white, np.ones((square, square)))
@@ -57,9 +57,9 @@ class Chessboard(Board, kind="chessboard"):
     def other_readings(self) -> list[Reading]:
         """Counted by its squares in place of its inner corners."""
         columns, rows = self.columns - 1, self.rows - 1
-        said = (
+        text = (
             f"columns = {self.columns}, rows = {self.rows} were read as squares. A chessboard is counted by "
             f"its inner corners: write columns = {columns}, rows = {rows}."
         )
         fewer = min(self.columns, self.rows) > 3
-        return [Reading(replace(self, columns=columns, rows=rows), said, asks=True)] if fewer else []
+        return [Reading(replace(self, columns=columns, rows=rows), text, asks=True)] if fewer else []

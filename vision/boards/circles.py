@@ -32,8 +32,8 @@ class CircleBoard(Board, kind="circles"):
         small, factor = shrunk(picture)
         size = (self.columns, self.rows)
         for flags in (self.pattern, self.pattern + cv2.CALIB_CB_CLUSTERING):
-            found, centres = cv2.findCirclesGrid(small, size, flags=flags, blobDetector=_blobs(small))
-            if found:
+            seen, centres = cv2.findCirclesGrid(small, size, flags=flags, blobDetector=_blobs(small))
+            if seen:
                 break
         else:
             return self._part(picture)
@@ -70,7 +70,7 @@ class CircleBoard(Board, kind="circles"):
         return sheet(tuple(centre.max(axis=0) + square), circles=circles, inverted=self.inverted)
 
     def print_of(self, texels: float) -> Print:
-        """The print with at least so many texels from circle to circle."""
+        """The print with at least `texels` texels from circle to circle."""
         square = 2 * int(np.ceil(0.5 * texels))  # halves are whole texels
         centre = self.points[:, :2] / self.square_mm + 1.0
         paper = np.ones(np.asarray((centre.max(axis=0)[::-1] + 1.0) * square, dtype=int))
@@ -86,13 +86,16 @@ class AsymmetricCircleBoard(CircleBoard, kind="acircles"):
     """Rows of circles, every other row shifted by square_mm, counted as OpenCV does.
 
     The circles of a row are 2 square_mm apart, the rows square_mm.
+
+    >>> AsymmetricCircleBoard(columns=2, rows=2, square_mm=10.0).points[:, :2].tolist()
+    [[0.0, 0.0], [20.0, 0.0], [10.0, 10.0], [30.0, 10.0]]
     """
 
     pattern: ClassVar[int] = cv2.CALIB_CB_ASYMMETRIC_GRID
     reach: ClassVar[float] = 0.7
 
     def _lattice(self, step: NDArray[np.intp]) -> Array:
-        """The same, the nearest circles being along the diagonals."""
+        """Places (n,2) in squares, the nearest circles being along the diagonals."""
         return np.stack([step[:, 0] - step[:, 1], step[:, 0] + step[:, 1]], axis=1).astype(np.float64)
 
     @property
@@ -140,7 +143,11 @@ def _outline(picture: Image, centre: Array, reach: float) -> Array | None:
 
 
 def centroid(polygon: Array) -> Array:
-    """Centroid (2,) of the area inside a polygon (k,2)."""
+    """Centroid (2,) of the area inside a polygon (k,2).
+
+    >>> centroid(np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 3.0]]))
+    array([1., 1.])
+    """
     origin = polygon.mean(axis=0)
     a = polygon - origin
     b = np.roll(a, -1, axis=0)

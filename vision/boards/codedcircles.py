@@ -76,11 +76,11 @@ class CodedCircleBoard(CircleBoard, kind="codedcircles"):
         return None
 
     def _on(self, place: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Which columns and rows (m,2) are on the board."""
+        """Mask (m,) of the columns and rows (m,2) that are on the board."""
         return np.asarray(np.all((place >= 0) & (place < (self.columns, self.rows)), axis=1))
 
-    def advice(self, pictures: Sequence[Image], wanted: int) -> str:
-        """What to do: the coding dots must be seen, and be where they are said to be."""
+    def advice(self, pictures: Sequence[Image], needed: int) -> str:
+        """Advice: the coding dots must be seen, and be where `coding` says."""
         return (
             ": the three coding dots (rings, or larger ones) must be in every picture, and coding must say "
             "their columns and rows, counted from 0; photograph the board sharply"
@@ -95,28 +95,28 @@ class CodedCircleBoard(CircleBoard, kind="codedcircles"):
         return replace(plain, layers=(*plain.layers, replace(black, black=not black.black, circles=holes)))
 
     def print_of(self, texels: float) -> Print:
-        """The print with at least so many texels from circle to circle."""
+        """The print with at least `texels` texels from circle to circle."""
         plain = super().print_of(texels)
         square, paper = round(plain.origin), plain.paper.copy()
         offset = np.arange(square) + 0.5 - 0.5 * square
         hole = np.clip(HOLE * CIRCLE * square - np.hypot(offset[:, None], offset) + 0.5, 0.0, 1.0)
         for column, row in self.coding:
-            left, top = (round((k + 0.5) * square) for k in (column, row))
-            part = paper[top : top + square, left : left + square]
+            x, y = (round((k + 0.5) * square) for k in (column, row))
+            part = paper[y : y + square, x : x + square]
             part[:] = np.maximum(part, hole)
         return plain._replace(paper=paper)
 
 
 def _placings(
-    found: NDArray[np.intp], wanted: NDArray[np.intp]
+    marked: NDArray[np.intp], coding: NDArray[np.intp]
 ) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Turns (2,2) and shifts (2,) that take three of the found dots (m,2) to the wanted ones (3,2)."""
-    told = []
+    placings = []
     for turn in TURNS:
-        turned = found @ turn.T
+        turned = marked @ turn.T
         for dot in turned:
-            shift = wanted[0] - dot
+            shift = coding[0] - dot
             there = {tuple(place) for place in (turned + shift).tolist()}
-            if all(tuple(place) in there for place in wanted.tolist()):
-                told.append((turn, shift))
-    return told
+            if all(tuple(place) in there for place in coding.tolist()):
+                placings.append((turn, shift))
+    return placings

@@ -26,13 +26,13 @@ def refined(picture: Image, points: Array, pixels: Array, reach_mm: float) -> Bo
     """Corners to a few hundredths of a pixel, each in a window that reaches reach_mm on the board."""
     half = np.clip(reach_mm * px_per_mm(points, pixels), LEAST_HALF, MOST_HALF).astype(int)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-    found = np.array(pixels, dtype=np.float64)
+    corners = np.array(pixels, dtype=np.float64)
     for size in np.unique(half):
         rows = np.flatnonzero(half == size)
         start = np.ascontiguousarray(pixels[rows], dtype=np.float32).reshape(-1, 1, 2)
         window = (int(size), int(size))
-        found[rows] = cv2.cornerSubPix(picture, start, window, (-1, -1), stop).reshape(-1, 2)
-    return BoardView(points, found)
+        corners[rows] = cv2.cornerSubPix(picture, start, window, (-1, -1), stop).reshape(-1, 2)
+    return BoardView(points, corners)
 
 
 def px_per_mm(points: Array, pixels: Array) -> Array:

@@ -1,4 +1,4 @@
-"""A grid of dots in a picture that may show a part of it: the dots, and which row and column each is in."""
+"""A grid of dots, of which a picture may show a part: the dots, and the row and column of each."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -33,18 +33,18 @@ def find_dots_of_board(picture: Image) -> Dots:
     side = max(min(picture.shape) // 6 | 1, 15)
     dark = cv2.adaptiveThreshold(picture, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, side, 12)
     contours, tree = cv2.findContours(dark, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    found: list[tuple[Array, float, bool]] = []
+    spots: list[tuple[Array, float, bool]] = []
     for k, contour in enumerate(contours):
         outer = tree[0][k][3] < 0
         spot = _spot(contour[:, 0].astype(np.float64), picture) if outer else None
         if spot is not None:
             hole = tree[0][k][2]
             ring = hole >= 0 and cv2.contourArea(contours[hole]) > RING * spot[1]
-            found.append((*spot, bool(ring)))
+            spots.append((*spot, bool(ring)))
     return Dots(
-        np.array([c for c, _, _ in found]).reshape(-1, 2),
-        np.array([a for _, a, _ in found]),
-        np.array([r for _, _, r in found], dtype=bool),
+        np.array([c for c, _, _ in spots]).reshape(-1, 2),
+        np.array([a for _, a, _ in spots]),
+        np.array([r for _, _, r in spots], dtype=bool),
     )
 
 
@@ -67,7 +67,7 @@ def _spot(rim: Array, picture: Image) -> tuple[Array, float] | None:
 
 
 def walk(centre: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Which dots (m,) of (n,2) px are in the grid, and their steps (m,2) along its two directions, from some
+    """Dots (m,) of (n,2) px that are in the grid, and their steps (m,2) along its two directions, from some
     dot on; the second direction is the first turned as y is from x (clockwise as the picture shows it).
 
     From dot to dot: each step begins as the one that led there, so that perspective and lens may change it.
@@ -93,17 +93,17 @@ def _walk_from(start: int, centre: Array, tree: cKDTree) -> dict[int, tuple[int,
     while waiting:
         dot, local = waiting.popleft()
         for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
-            at = list(place[dot])
-            at[axis] += sign
+            cell = list(place[dot])
+            cell[axis] += sign
             away, nearest = tree.query(centre[dot] + sign * local[axis])
-            other = int(nearest)
-            if away > NEAR * np.hypot(*local[axis]) or other in place or tuple(at) in used:
+            neighbour = int(nearest)
+            if away > NEAR * np.hypot(*local[axis]) or neighbour in place or tuple(cell) in used:
                 continue
             new = local.copy()
-            new[axis] = sign * (centre[other] - centre[dot])
-            place[other] = (at[0], at[1])
-            used.add((at[0], at[1]))
-            waiting.append((other, new))
+            new[axis] = sign * (centre[neighbour] - centre[dot])
+            place[neighbour] = (cell[0], cell[1])
+            used.add((cell[0], cell[1]))
+            waiting.append((neighbour, new))
     return place
 
 
@@ -122,8 +122,8 @@ def _first_steps(start: int, centre: Array, tree: cKDTree) -> Array | None:
 
 
 def coding(dots: Dots, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Which of some dots (m,) are coding dots: rings, or larger than the dots around them."""
-    own = dots.centre[rows]
-    near = cKDTree(own).query(own, k=min(9, len(own)))[1]
+    """Mask (m,) of the coding dots: rings, or larger than the dots around them."""
+    centre = dots.centre[rows]
+    near = cKDTree(centre).query(centre, k=min(9, len(centre)))[1]
     usual = np.median(dots.area[rows][near], axis=1)
     return np.asarray(dots.ring[rows] | (dots.area[rows] > LARGER * usual))

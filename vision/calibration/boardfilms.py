@@ -30,7 +30,7 @@ WINDOWS, REACH, ALL, MOST = 60, 4.5, 400, 120
 
 @dataclass(frozen=True)
 class BoardFilm:
-    """What a film shows of a board that is moved."""
+    """Views of a board that is moved, frame by frame of a film."""
 
     path: Path
     time: Array  # (t,) s
@@ -49,15 +49,15 @@ def read_board_film(film: Video, board: Board, *, frames: Collection[int] | None
     """The board in a film, in the frames named, else in at most 300 that are evenly spaced."""
     count = len(film.time)
     step = max(-(-count // LOOKED_AT), 1)
-    wanted = set(range(0, count, step)) if frames is None else set(frames)
+    rows = set(range(0, count, step)) if frames is None else set(frames)
     views, blur = [NOTHING] * count, np.full(count, np.nan)
     for index, _, picture in film.frames():
-        if index in wanted:
+        if index in rows:
             grey = board.black_on_white(picture)
             views[index] = board.find(grey)
             if len(views[index]) >= MIN_CORNERS:
                 blur[index] = board_edge_sd(grey, views[index].points, views[index].pixels)
-    return BoardFilm(film.path, film.time, (film.width, film.height), tuple(views), blur, len(wanted))
+    return BoardFilm(film.path, film.time, (film.width, film.height), tuple(views), blur, len(rows))
 
 
 def camera_of_film(film: Video, board: Board, *, max_rms_px: float = 0.3) -> Camera:
@@ -65,31 +65,31 @@ def camera_of_film(film: Video, board: Board, *, max_rms_px: float = 0.3) -> Cam
 
     Raises ValueError as `calibrate_camera`, and where fewer than 6 frames show the board.
     """
-    read_as, shown = _read_as(film, board)
-    rows = chosen(shown)
+    read_as, footage = _read_as(film, board)
+    rows = chosen(footage)
     pictures = _pictures(film, rows, read_as)
     names = [f"the frame at {film.time[i]:.2f} s of {film.path.name}" for i in rows]
     camera = camera_from(pictures, names, read_as, max_rms_px=max_rms_px)
-    said = (
-        f"{len(rows)} of the {len(shown.seen)} frames of {film.path.name} that show the board were taken, "
-        f"sharp and in poses as different as there are ({shown.looked} of {len(film.time)} frames "
+    summary = (
+        f"{len(rows)} of the {len(footage.seen)} frames of {film.path.name} that show the board were taken, "
+        f"sharp and in poses as different as there are ({footage.looked} of {len(film.time)} frames "
         "were looked at)."
     )
-    return replace(camera, notes=(said, *camera.notes))
+    return replace(camera, notes=(summary, *camera.notes))
 
 
 def _read_as(film: Video, board: Board) -> tuple[Board, BoardFilm]:
-    """The film with the board as it is stated, or read in the other usual way where that finds it."""
-    shown = read_board_film(film, board)
-    if len(shown.seen) >= MIN_IMAGES:
-        return board, shown
-    for other in board.other_readings():
-        again = read_board_film(film, other.board)
+    """The board as stated, or read in the other usual way where that finds it, and its film."""
+    footage = read_board_film(film, board)
+    if len(footage.seen) >= MIN_IMAGES:
+        return board, footage
+    for reading in board.other_readings():
+        again = read_board_film(film, reading.board)
         if len(again.seen) >= MIN_IMAGES:
-            return other.board, again
+            return reading.board, again
     pictures = _pictures(film, list(range(0, len(film.time), max(len(film.time) // 12, 1))), board)
     raise ValueError(
-        f"{len(shown.seen)} of {shown.looked} frames of {film.path.name} show at least {MIN_CORNERS} "
+        f"{len(footage.seen)} of {footage.looked} frames of {film.path.name} show at least {MIN_CORNERS} "
         f"{board.shows} of the {board.columns} x {board.rows} {board.kind} board, wanted {MIN_IMAGES}"
         + board.advice(pictures, MIN_IMAGES)
     )
@@ -97,9 +97,9 @@ def _read_as(film: Video, board: Board) -> tuple[Board, BoardFilm]:
 
 def _pictures(film: Video, rows: Sequence[int], board: Board) -> list[Image]:
     """Some frames of a film, black on white."""
-    wanted = set(rows)
-    found = {i: board.black_on_white(picture) for i, _, picture in film.frames() if i in wanted}
-    return [found[i] for i in rows if i in found]
+    indices = set(rows)
+    pictures = {i: board.black_on_white(picture) for i, _, picture in film.frames() if i in indices}
+    return [pictures[i] for i in rows if i in pictures]
 
 
 def chosen(film: BoardFilm) -> list[int]:
@@ -128,7 +128,7 @@ def _speed(film: BoardFilm) -> Array:
 
 
 def _centre(view: BoardView) -> Array:
-    """Where (2,) px the middle of the seen points lies, whichever of them are seen."""
+    """Pixel (2,) of the middle of the seen points, whichever of them are seen."""
     homography = fit_homography(view.points[:, :2], view.pixels)
     seen = homography @ (*view.points[:, :2].mean(axis=0), 1.0)
     return np.asarray(seen[:2] / seen[2])
@@ -164,12 +164,12 @@ def rig_of_films(
     cameras share fewer than 5 moments or the error is above the limit.
     """
     can_join(board)
-    wanted = _frames(times)
-    found = [
+    frames = _frames(times)
+    views = [
         [centred(view, camera) for view in read_board_film(film, board, frames=rows).views]
-        for film, rows, camera in zip(films, wanted, cameras, strict=True)
+        for film, rows, camera in zip(films, frames, cameras, strict=True)
     ]
-    shots, lags = synchronous_shots(found, times, cameras)
+    shots, lags = synchronous_shots(views, times, cameras)
     shots = _shared(shots)
     rig, noise = bundle_adjust(shots, cameras, square_mm=board.square_mm)
     rms = np.sqrt(noise.own + noise.shared)
@@ -196,8 +196,8 @@ def _frames(times: Sequence[Array]) -> list[list[int]]:
     of the time that all films share, so that all see the same moments."""
     if max(len(t) for t in times) <= ALL:
         return [list(range(len(t))) for t in times]
-    first, last = max(t[0] for t in times), min(t[-1] for t in times)
-    moments = np.linspace(first, last, WINDOWS + 2)[1:-1]
+    start, end = max(t[0] for t in times), min(t[-1] for t in times)
+    moments = np.linspace(start, end, WINDOWS + 2)[1:-1]
     period = float(np.median(np.concatenate([np.diff(t) for t in times])))
     near = [np.abs(t[:, None] - moments).min(axis=1) <= REACH * period for t in times]
     return [np.flatnonzero(rows).tolist() for rows in near]
@@ -212,5 +212,5 @@ def _shared(shots: Sequence[Shot]) -> list[Shot]:
             f"two cameras see the board together at {len(shared)} moments, wanted {MIN_COMMON} or more: move "
             "it where the pictures of the cameras overlap, and check that the time stamps are of one clock"
         )
-    kept = set(shared[:: -(-len(shared) // MOST)])
-    return [v for v in shots if v.instant in kept]
+    taken = set(shared[:: -(-len(shared) // MOST)])
+    return [v for v in shots if v.instant in taken]

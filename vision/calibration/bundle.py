@@ -41,7 +41,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class CornerNoise:
-    """What makes corners scatter in a picture; all of it is estimated from calibration residuals.
+    """Variances of corners in a picture, all estimated from calibration residuals.
 
     A time error moves all corners of a picture along their speed: cameras that run freely or are stamped
     late show the board at slightly different times. Its square acts along the acceleration.
@@ -84,8 +84,8 @@ def bundle_adjust(
     """
     theta, poses = _start(shots, cameras)
     columns = np.flatnonzero(_free(cameras))
-    own, shared, time, late = np.outer(START[:4], np.ones(len(cameras)))
-    noise = CornerNoise(own, shared, time, late, START[4])
+    single, shared, time, late = np.outer(START[:4], np.ones(len(cameras)))
+    noise = CornerNoise(single, shared, time, late, START[4])
     inverse = np.empty(0)
     for _ in range(MAX_ROUNDS):
         theta, poses, inverse = _fit(shots, theta, poses, noise, columns, square_mm)
@@ -94,10 +94,10 @@ def bundle_adjust(
             break
     covariance = np.zeros((theta.size, theta.size))
     covariance[np.ix_(columns, columns)] = inverse
-    own = [covariance[k : k + 9, k : k + 9] for k in range(0, theta.size, OWN)]
+    single = [covariance[k : k + 9, k : k + 9] for k in range(0, theta.size, OWN)]
     fitted = tuple(
         replace(c.moved(row[:9] - c.parameters), covariance=part)
-        for c, row, part in zip(cameras, theta, own, strict=True)
+        for c, row, part in zip(cameras, theta, single, strict=True)
     )
     return Rig(fitted, theta[:, 9:12], theta[:, 12:], covariance), noise
 
@@ -171,11 +171,12 @@ def _fit(
     inverse = np.empty(0)
     for _ in range(MAX_STEPS):
         normal, right, each = np.zeros((len(columns),) * 2), np.zeros(len(columns)), {}
-        for at in _instants(shots, theta, poses, noise, square_mm):
-            shared, weight, heavy = at.shared[:, columns], at.projected, at.weight @ at.pose
+        for instant in _instants(shots, theta, poses, noise, square_mm):
+            shared, weight = instant.shared[:, columns], instant.projected
+            heavy = instant.weight @ instant.pose
             normal += shared.T @ weight @ shared
-            right += shared.T @ weight @ at.residual
-            each[at.key] = np.linalg.solve(heavy.T @ at.pose, heavy.T), at.residual, shared
+            right += shared.T @ weight @ instant.residual
+            each[instant.key] = np.linalg.solve(heavy.T @ instant.pose, heavy.T), instant.residual, shared
         scale = 1.0 / np.sqrt(np.diag(normal))
         inverse = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
         step = inverse @ right
@@ -194,23 +195,23 @@ def _noise(
     c = len(theta)
     count = 4 * c + 1
     normal, right = np.zeros((count, count)), np.zeros(count)
-    for at in _instants(shots, theta, poses, noise, square_mm):
-        bases = np.zeros((count, *at.weight.shape))
-        for v, rows in _rows(at.shots):
+    for instant in _instants(shots, theta, poses, noise, square_mm):
+        bases = np.zeros((count, *instant.weight.shape))
+        for v, rows in _rows(instant.shots):
             which = [v.camera, c + v.camera, 2 * c + v.camera, 3 * c + v.camera, 4 * c]
             bases[which, rows, rows] = _bases(v, square_mm)
-        heavy, turned = at.weight @ at.residual, bases @ at.projected
+        heavy, turned = instant.weight @ instant.residual, bases @ instant.projected
         right += np.einsum("i,kij,j->k", heavy, bases, heavy)
         normal += np.einsum("kij,lji->kl", turned, turned)
-    value, known = np.zeros(count), np.flatnonzero(np.diag(normal) > 0)
-    scale = 1.0 / np.sqrt(np.diag(normal)[known])
-    value[known] = scale * np.linalg.solve(
-        normal[np.ix_(known, known)] * np.outer(scale, scale), scale * right[known]
+    value, estimable = np.zeros(count), np.flatnonzero(np.diag(normal) > 0)
+    scale = 1.0 / np.sqrt(np.diag(normal)[estimable])
+    value[estimable] = scale * np.linalg.solve(
+        normal[np.ix_(estimable, estimable)] * np.outer(scale, scale), scale * right[estimable]
     )
     value = np.maximum(value, 0.0)
     value[:c] = np.maximum(value[:c], LEAST * value[: 2 * c].max())
-    own, shared, time, late = value[: 4 * c].reshape(4, c)
-    return CornerNoise(own, shared, time, late, float(value[-1]))
+    single, shared, time, late = value[: 4 * c].reshape(4, c)
+    return CornerNoise(single, shared, time, late, float(value[-1]))
 
 
 def _same(a: CornerNoise, b: CornerNoise) -> bool:
@@ -243,19 +244,19 @@ def _start(shots: Sequence[Shot], cameras: Sequence[Camera]) -> tuple[Array, Pos
     world = {0: np.eye(4)}
     while len(world) < len(cameras):
         links = {
-            (known, new): [i for (c, i) in seen if c == new and (known, i) in seen]
-            for known in world
+            (placed, new): [i for (c, i) in seen if c == new and (placed, i) in seen]
+            for placed in world
             for new in range(len(cameras))
             if new not in world
         }
-        known, new = max(links, key=lambda pair: len(links[pair]))
-        if not links[known, new]:
+        placed, new = max(links, key=lambda pair: len(links[pair]))
+        if not links[placed, new]:
             raise ValueError(
                 f"camera {new + 1} sees no board together with another camera: take board pictures that two "
                 "cameras take at the same time"
             )
-        both = [seen[new, i] @ np.linalg.inv(seen[known, i]) for i in links[known, new]]
-        world[new] = middle(np.array(both))[0] @ world[known]
+        both = [seen[new, i] @ np.linalg.inv(seen[placed, i]) for i in links[placed, new]]
+        world[new] = middle(np.array(both))[0] @ world[placed]
     theta = [np.concatenate([camera.parameters, _vector(world[c])]) for c, camera in enumerate(cameras)]
     poses = {i: np.linalg.inv(world[c]) @ pose for (c, i), pose in sorted(seen.items(), reverse=True)}
     return np.array(theta), {i: _vector(pose) for i, pose in sorted(poses.items())}

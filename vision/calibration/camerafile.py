@@ -20,7 +20,7 @@ RMS = ("avg_reprojection_error", "Avg_Reprojection_Error", "rms")
 
 @dataclass(frozen=True)
 class _Numbers:
-    """What a file says of a camera."""
+    """Numbers of a camera as a file holds them."""
 
     matrix: Any
     lens: Any
@@ -42,24 +42,24 @@ def read_camera(path: Path, *, name: str, size: tuple[int, int]) -> Camera:
         raise ValueError(
             f"camera file {path} does not exist: give an OpenCV YAML, XML or caliscope TOML file"
         )
-    found = _toml(path, name) if path.suffix == ".toml" else _storage(path)
-    if found.size not in (None, size):
+    numbers = _toml(path, name) if path.suffix == ".toml" else _storage(path)
+    if numbers.size not in (None, size):
         raise ValueError(
-            f"camera file {path.name} is for {found.size} px, the film has {size} px: use the camera of the "
-            "same setting, not scaled or cropped"
+            f"camera file {path.name} is for {numbers.size} px, the film has {size} px: use the camera of "
+            "the same setting, not scaled or cropped"
         )
-    matrix, distortion = _matrix(path, found.matrix), _distortion(path, found.lens)
+    matrix, distortion = _matrix(path, numbers.matrix), _distortion(path, numbers.lens)
     _check_sane(path, matrix, distortion, size)
     remark = (
         f"{path.name} does not say how well the camera is known, so that its error is not in the stated "
         "uncertainty: calibrate with board images to include it."
     )
     used = tuple(term for term, value in zip(DISTORTION, distortion, strict=True) if value != 0.0)
-    return Camera(matrix, distortion, size, found.rms_px, 0, model=used, remarks=(remark,))
+    return Camera(matrix, distortion, size, numbers.rms_px, 0, model=used, remarks=(remark,))
 
 
 def _check_sane(path: Path, matrix: Array, distortion: Array, size: tuple[int, int]) -> None:
-    """Raise ValueError unless the numbers can be those of a camera that takes pictures of this size."""
+    """Raises ValueError unless the numbers can belong to a camera that takes pictures of this size."""
     width, height = size
     (fx, skew, cx), (lower, fy, cy), last = matrix
     wrong = ""
@@ -85,15 +85,15 @@ def _toml(path: Path, name: str) -> _Numbers:
     cameras = data.get("cameras", data)
     if not isinstance(cameras, Mapping):
         raise ValueError(f"camera file {path.name}: cameras is no table; wanted one table for each camera")
-    known = {key: value for key, value in cameras.items() if isinstance(value, Mapping)}
+    tables = {key: value for key, value in cameras.items() if isinstance(value, Mapping)}
     digits = name[len(name.rstrip("0123456789")) :]
-    key = next((k for k in (name, digits, *(known if len(known) == 1 else ())) if k in known), None)
+    key = next((k for k in (name, digits, *(tables if len(tables) == 1 else ())) if k in tables), None)
     if key is None:
         raise ValueError(
-            f"camera file {path.name} holds the cameras {', '.join(known) or 'none'}, wanted {name!r}: call "
+            f"camera file {path.name} holds the cameras {', '.join(tables) or 'none'}, wanted {name!r}: call "
             "the camera in twin.toml as one of them"
         )
-    camera = known[key]
+    camera = tables[key]
     try:
         size = tuple(int(side) for side in camera["size"]) if "size" in camera else None
         rms = float(camera.get("error", 0.0))
@@ -117,7 +117,7 @@ def _storage(path: Path) -> _Numbers:
 
 
 def _stored(storage: cv2.FileStorage) -> _Numbers:
-    """What OpenCV finds in a file; it raises errors of its own for what is no matrix."""
+    """Numbers that OpenCV reads from a file; it raises errors of its own for what is no matrix."""
     width, height = (_first(storage, keys) for keys in zip(*SIZES, strict=True))
     size = None if width is None or height is None else (int(width.real()), int(height.real()))
     rms = _first(storage, RMS)

@@ -25,7 +25,7 @@ FOLDS = 3
 
 @dataclass(frozen=True)
 class _Seen:
-    """What the pictures show of a board."""
+    """Views of a board in pictures."""
 
     views: tuple[BoardView, ...]  # those with enough corners
     rows: tuple[int, ...]  # their pictures
@@ -73,15 +73,15 @@ def camera_from(
         )
     seen = _look(list(pictures), board)
     size = (int(pictures[0].shape[1]), int(pictures[0].shape[0]))
-    fits, left = _fitted(seen.views, size)
-    views = [seen.views[i] for i in left.kept]
+    fits, rejected = _fitted(seen.views, size)
+    views = [seen.views[i] for i in rejected.kept]
     widths = np.array([
         board_edge_sd(pictures[i], v.points, v.pixels) for i, v in zip(seen.rows, seen.views, strict=True)
     ])  # fmt: skip
     called = [names[i] for i in seen.rows]
     covariance, enlarged = lens.covariance(fits[0], views)
     tilt_deg, coverage = _tilt(fits[0]), area(views) / (size[0] * size[1])
-    _accept(fits[0], max_rms_px, [called[i] for i in left.kept], tilt_deg, coverage, views=views,
+    _accept(fits[0], max_rms_px, [called[i] for i in rejected.kept], tilt_deg, coverage, views=views,
             doubt=lambda: board.doubt(pictures))  # fmt: skip
     scale = _held_out_scale(views, size, fits[0].camera.model)
     _accept_scale(*scale)
@@ -89,13 +89,8 @@ def camera_from(
         fits[0].camera,
         covariance=covariance,
         covered=_hull(views),
-        remarks=(*seen.said, *_left_out(left, called, widths), *_uncovered(coverage)),
-        notes=(
-            *seen.noted,
-            *_not_found(seen, names),
-            _evidence(fits, enlarged),
-            _checks(tilt_deg, scale),
-        ),
+        remarks=(*seen.said, *_left_out(rejected, called, widths), *_uncovered(coverage)),
+        notes=(*seen.noted, *_not_found(seen, names), _evidence(fits, enlarged), _checks(tilt_deg, scale)),
     )
 
 
@@ -103,12 +98,12 @@ def _fitted(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[list[len
     """Fits with every lens model, best first, to the views that fit together, and which these are."""
     fits: list[lens.LensFit] = []
 
-    def rms(some: Sequence[BoardView]) -> Array:
-        fits[:] = lens.fit_models(some, size)
+    def rms(chosen: Sequence[BoardView]) -> Array:
+        fits[:] = lens.fit_models(chosen, size)
         return fits[0].view_rms()
 
-    left = without_outliers(views, rms)
-    return fits, left
+    rejected = without_outliers(views, rms)
+    return fits, rejected
 
 
 def read_picture(path: Path, board: Board, *, mirrored: bool = False) -> Image:
@@ -123,15 +118,15 @@ def read_picture(path: Path, board: Board, *, mirrored: bool = False) -> Image:
 
 def _look(pictures: list[Image], board: Board) -> _Seen:
     """The board in all pictures; read in the other usual way where it is not found as stated."""
-    first = _seen(pictures, board)
-    for other in board.other_readings() if len(first.rows) < MIN_IMAGES else ():
-        seen = _seen(pictures, other.board)
+    plain = _seen(pictures, board)
+    for reading in board.other_readings() if len(plain.rows) < MIN_IMAGES else ():
+        seen = _seen(pictures, reading.board)
         if len(seen.rows) >= MIN_IMAGES:
-            text = (other.text,)
-            return replace(seen, said=text) if other.asks else replace(seen, noted=text)
-    if len(first.rows) < MIN_IMAGES:
-        raise ValueError(_too_few(len(first.rows), pictures, board))
-    return first
+            text = (reading.text,)
+            return replace(seen, said=text) if reading.asks else replace(seen, noted=text)
+    if len(plain.rows) < MIN_IMAGES:
+        raise ValueError(_too_few(len(plain.rows), pictures, board))
+    return plain
 
 
 def _seen(pictures: list[Image], board: Board) -> _Seen:
@@ -140,20 +135,20 @@ def _seen(pictures: list[Image], board: Board) -> _Seen:
     return _Seen(tuple(views[i] for i in rows), rows)
 
 
-def _left_out(left: Rejected, called: Sequence[str], widths: Array) -> list[str]:
+def _left_out(rejected: Rejected, called: Sequence[str], widths: Array) -> list[str]:
     """A sentence for each picture that does not fit the others."""
-    said = [
+    sentences = [
         f"{called[row]} was left out of {len(called)} board pictures: its corners fit to {rms:.2f} px, "
-        f"those of most others to {left.usual:.2f} px; {why(widths, row)}."
-        for row, rms in zip(left.dropped, left.rms, strict=True)
+        f"those of most others to {rejected.usual:.2f} px; {why(widths, row)}."
+        for row, rms in zip(rejected.dropped, rejected.rms, strict=True)
     ]
-    if left.stays is not None:
-        said.append(
-            f"{called[left.stays]} fits the other board pictures badly, but it stays: without it fewer than "
-            f"{MIN_LEFT} would be left, or a part of the picture without boards. Photograph the board in "
-            f"{max(MIN_LEFT + 1 - len(left.kept), 1)} more poses; {why(widths, left.stays)}."
+    if rejected.stays is not None:
+        sentences.append(
+            f"{called[rejected.stays]} fits the other board pictures badly, but it stays: without it fewer "
+            f"than {MIN_LEFT} would be left, or a part of the picture without boards. Photograph the board "
+            f"in {max(MIN_LEFT + 1 - len(rejected.kept), 1)} more poses; {why(widths, rejected.stays)}."
         )
-    return said
+    return sentences
 
 
 def _not_found(seen: _Seen, names: Sequence[str]) -> list[str]:
@@ -166,19 +161,19 @@ def _not_found(seen: _Seen, names: Sequence[str]) -> list[str]:
 
 
 def _evidence(fits: list[lens.LensFit], enlarged: float) -> str:
-    """Which lens model was chosen, and why."""
+    """A sentence on the lens model and its evidence against the next best."""
     best, others = fits[0], fits[1:]
-    said = (
+    sentence = (
         f"The lens model is {_called(best)}, the best of {len(fits)}: its reprojection error is "
         f"{best.camera.rms_px:.3f} px. The next best, {_called(others[0])}, has "
         f"{others[0].camera.rms_px:.3f} px and a BIC that is {others[0].bic - best.bic:.1f} higher."
     )
     if enlarged > 1.2:
-        said += (
+        sentence += (
             " Errors differ from picture to picture (board not flat, light), which makes the sds "
             f"{enlarged:.1f} times larger."
         )
-    return said
+    return sentence
 
 
 def _called(fit: lens.LensFit) -> str:
@@ -186,13 +181,13 @@ def _called(fit: lens.LensFit) -> str:
 
 
 def _checks(tilt_deg: float, scale: tuple[float, float]) -> str:
-    said = f"The boards are tilted by up to {tilt_deg:.0f} degrees against each other."
+    sentence = f"The boards are tilted by up to {tilt_deg:.0f} degrees against each other."
     if np.isfinite(scale[0]):
-        said += (
+        sentence += (
             f" Lengths on boards that took no part in the fit are off by {100 * scale[0]:.3f} +- "
             f"{100 * scale[1]:.3f} %."
         )
-    return said
+    return sentence
 
 
 def _uncovered(coverage: float) -> tuple[str, ...]:
@@ -226,13 +221,13 @@ def _held_out_scale(
     folds = FOLDS if len(views) >= 3 * FOLDS else len(views)
     errors = []
     for fold in range(folds):
-        kept = [view for i, view in enumerate(views) if i % folds != fold]
-        camera = lens.fit_lens(kept, size, model).camera
+        training = [view for i, view in enumerate(views) if i % folds != fold]
+        camera = lens.fit_lens(training, size, model).camera
         errors += [_scale_error(view, camera) for i, view in enumerate(views) if i % folds == fold]
-    known = [error for error in errors if np.isfinite(error)]
-    if len(known) < MIN_IMAGES:
+    finite = [error for error in errors if np.isfinite(error)]
+    if len(finite) < MIN_IMAGES:
         return np.nan, np.nan
-    return float(np.mean(known)), float(np.std(known, ddof=1) / np.sqrt(len(known)))
+    return float(np.mean(finite)), float(np.std(finite, ddof=1) / np.sqrt(len(finite)))
 
 
 def _scale_error(view: BoardView, camera: Camera) -> float:
@@ -247,9 +242,9 @@ def _scale_error(view: BoardView, camera: Camera) -> float:
         return np.nan
     ideal = camera.undistort(view.pixels)
     homography = fit_homography(place[~inner], ideal[~inner])
-    found = to_plane(homography[None], ideal[None, inner])[0]
+    measured = to_plane(homography[None], ideal[None, inner])[0]
     nominal = place[inner] - place[inner].mean(axis=0)
-    return float(np.sum(found * nominal) / np.sum(nominal**2) - 1.0)
+    return float(np.sum(measured * nominal) / np.sum(nominal**2) - 1.0)
 
 
 def _accept(
@@ -285,7 +280,7 @@ def _accept(
 
 
 def _wanted(views: Sequence[BoardView], size: tuple[int, int]) -> str:
-    """What to photograph, as a part of a sentence."""
+    """Pictures that are missing, as a part of a sentence."""
     empty = empty_corners(views, size)
     where = f", some in the {', '.join(empty)} corner of the picture" if empty else ""
     more = max(MIN_LEFT - len(views), 3)

@@ -111,10 +111,7 @@ def _fit(views: Sequence[BoardView], size: tuple[int, int], model: tuple[str, ..
 def _projected(view: BoardView, camera: Camera, turn: Array, shift: Array) -> tuple[Array, Array]:
     """Pixels (n,2) of a view's points, and their derivatives (2n, 6 + 9): pose, then `parameters`."""
     pixels, slope = cv2.projectPoints(view.points, turn, shift, camera.matrix, camera.distortion)
-    return (
-        np.asarray(pixels, dtype=np.float64).reshape(-1, 2),
-        np.asarray(slope, dtype=np.float64)[:, :15],
-    )
+    return (np.asarray(pixels, dtype=np.float64).reshape(-1, 2), np.asarray(slope, dtype=np.float64)[:, :15])
 
 
 def centred(view: BoardView, camera: Camera) -> BoardView:
@@ -159,7 +156,7 @@ def _reduced(fit: LensFit, view: BoardView, index: int, free: np.ndarray) -> tup
 
 
 def view_misfit(camera: Camera, then: Array, now: Array, *, defines: NDArray[np.bool_]) -> float:
-    """How far the markers of a flat rig lie from where the camera would see them, rms in px.
+    """Rms distance in px of the markers of a flat rig from where the camera would see them.
 
     then, now: their centres (m,2) in the two films, raw px, in one order.   defines: (m,) which of them
     define the view, 4 or more; the others are tested, 1 or more.

@@ -29,7 +29,7 @@ Fitted = Callable[[Sequence[BoardView]], Array]  # rms distance (v,) px of each 
 
 @dataclass(frozen=True)
 class Rejected:
-    """Which views were left out."""
+    """Views that were left out of a calibration."""
 
     kept: tuple[int, ...]  # rows of the views
     dropped: tuple[int, ...]  # worst first
@@ -43,27 +43,27 @@ def without_outliers(views: Sequence[BoardView], fitted: Fitted) -> Rejected:
 
     fitted: fits a camera to some views and says how well it fits each.
     """
-    kept = list(range(len(views)))
+    rows = list(range(len(views)))
     dropped: list[int] = []
-    said: list[float] = []
+    dropped_rms: list[float] = []
     while True:
-        rms = fitted([views[i] for i in kept])
+        rms = fitted([views[i] for i in rows])
         worst, usual = int(np.argmax(rms)), float(np.median(rms))
         if rms[worst] <= max(WORSE * usual, LEAST_PX):
-            return Rejected(tuple(kept), tuple(dropped), tuple(said), usual)
-        left = [i for i in kept if i != kept[worst]]
-        if not _enough(left, views):
-            return Rejected(tuple(kept), tuple(dropped), tuple(said), usual, kept[worst])
-        said.append(float(rms[worst]))
-        dropped.append(kept[worst])
-        kept = left
+            return Rejected(tuple(rows), tuple(dropped), tuple(dropped_rms), usual)
+        remaining = [i for i in rows if i != rows[worst]]
+        if not _enough(remaining, views):
+            return Rejected(tuple(rows), tuple(dropped), tuple(dropped_rms), usual, rows[worst])
+        dropped_rms.append(float(rms[worst]))
+        dropped.append(rows[worst])
+        rows = remaining
 
 
-def _enough(left: list[int], views: Sequence[BoardView]) -> bool:
-    """Whether the views that are left are many, and cover the picture as all did."""
-    if len(left) < max(MIN_LEFT, (1.0 - SHARE) * len(views)):
+def _enough(rows: list[int], views: Sequence[BoardView]) -> bool:
+    """True if the remaining views are many, and cover the picture as all did."""
+    if len(rows) < max(MIN_LEFT, (1.0 - SHARE) * len(views)):
         return False
-    return area([views[i] for i in left]) >= COVERS * area(views)
+    return area([views[i] for i in rows]) >= COVERS * area(views)
 
 
 def area(views: Sequence[BoardView]) -> float:
@@ -73,7 +73,7 @@ def area(views: Sequence[BoardView]) -> float:
 
 
 def why(blur: Array, row: int) -> str:
-    """What is wrong with a picture that does not fit, from the widths of edges (n,) px of all pictures."""
+    """The fault of a picture that does not fit, from the widths of edges (n,) px of all pictures."""
     usual = float(np.median(blur))
     if blur[row] > BLURRED * usual:
         return f"it is blurred, its edges are {blur[row] / usual:.1f} times as wide as usual"
@@ -115,10 +115,10 @@ def worst_pose(rig: Rig, shots: Sequence[Shot]) -> Moved | None:
 def _rms(rig: Rig, shots: Sequence[Shot]) -> float:
     """Rms distance in px of the corners of one pose from where the rig sees them, at the best pose."""
     theta = rig.parameters
-    first = shots[0].camera
-    turn = cv2.Rodrigues(theta[first, 9:12])[0]
-    seen = board_pose(shots[0], rig.cameras[first])
-    start = np.column_stack([turn.T @ seen[:3, :3], turn.T @ (seen[:3, 3] - theta[first, 12:])])
+    camera = shots[0].camera
+    turn = cv2.Rodrigues(theta[camera, 9:12])[0]
+    seen = board_pose(shots[0], rig.cameras[camera])
+    start = np.column_stack([turn.T @ seen[:3, :3], turn.T @ (seen[:3, 3] - theta[camera, 12:])])
     pose = np.concatenate([np.ravel(cv2.Rodrigues(start[:, :3])[0]), start[:, 3]])
     residual = np.empty(0)
     for _ in range(POSE_STEPS):

@@ -15,7 +15,7 @@ MAX_STEPS = 8
 
 @dataclass(frozen=True)
 class Rig:
-    """Cameras in one frame, that of the first camera (x right, y down, z forward, mm).
+    """Cameras in the frame of the first camera (x right, y down, z forward, mm).
 
     The i-th camera sees a point X of that frame at Rodrigues(turn_i) X + shift_i in its own.
     """
@@ -39,7 +39,7 @@ class Rig:
     def moved(self, change: Array) -> "Rig":
         """The rig with its `parameters` changed by (c,15) or as many in one row."""
         change = np.reshape(change, (-1, OWN))
-        cameras = tuple(c.moved(own[:9]) for c, own in zip(self.cameras, change, strict=True))
+        cameras = tuple(c.moved(step[:9]) for c, step in zip(self.cameras, change, strict=True))
         return replace(
             self, cameras=cameras, turn=self.turn + change[:, 9:12], shift=self.shift + change[:, 12:]
         )
@@ -75,14 +75,14 @@ class Rig:
         return cls(cameras, turn, shift, covariance, tuple(data["remarks"]))
 
 
-def project(own: Array, turn: Array, shift: Array, points: Array) -> tuple[Array, Array, Array]:
+def project(parameters: Array, turn: Array, shift: Array, points: Array) -> tuple[Array, Array, Array]:
     """Raw pixels (n,2) of points (n,3) posed in the rig's frame by a rotation vector and a shift, and
-    derivatives to the camera's parameters `own` (2n,15) and to the pose (2n,6)."""
-    composed = [
-        np.asarray(part, dtype=np.float64) for part in cv2.composeRT(turn, shift, own[9:12], own[12:])
-    ]
-    matrix = np.array([[own[0], 0.0, own[2]], [0.0, own[1], own[3]], [0.0, 0.0, 1.0]])
-    pixels, slope = cv2.projectPoints(points, composed[0], composed[1], matrix, own[4:9])
+    derivatives to the camera's parameters (2n,15) and to the pose (2n,6)."""
+    after = cv2.composeRT(turn, shift, parameters[9:12], parameters[12:])
+    composed = [np.asarray(part, dtype=np.float64) for part in after]
+    fx, fy, cx, cy = parameters[:4]
+    matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    pixels, slope = cv2.projectPoints(points, composed[0], composed[1], matrix, parameters[4:9])
     slope = np.asarray(slope, dtype=np.float64)
     outer = slope[:, :6] @ np.block([[composed[4], composed[5]], [composed[8], composed[9]]])
     pose = slope[:, :6] @ np.block([[composed[2], composed[3]], [composed[6], composed[7]]])
@@ -96,6 +96,16 @@ def triangulate(matrices: Array, ideal: Array, covariance: Array) -> tuple[Array
     camera to camera. A lost point is NaN; one that fewer than two cameras see gives NaN.
 
     Least squares of the reprojection error from the linear solution, doi 10.1006/cviu.1997.0547.
+
+    >>> left = np.array([[1000.0, 0, 0, 0], [0, 1000, 0, 0], [0, 0, 1, 0]])
+    >>> right = left + 1000 * np.array([[0, 0, 0, -100], [0, 0, 0, 0], [0, 0, 0, 0]])  # 100 mm to the right
+    >>> seen = np.array([[[0.0, 0.0]], [[-200.0, 0.0]]])  # px, of one point
+    >>> noise = np.tile(0.01 * np.eye(2), (2, 1, 1, 1))  # px2
+    >>> point, covariance = triangulate(np.array([left, right]), seen, noise)
+    >>> point.round(6) + 0.0
+    array([[  0.,   0., 500.]])
+    >>> np.sqrt(np.diag(covariance[0])).round(3)  # mm: depth is known least
+    array([0.05 , 0.035, 0.354])
     """
     matrices = np.broadcast_to(
         matrices if matrices.ndim == 4 else matrices[:, None], (*ideal.shape[:2], 3, 4)
@@ -138,7 +148,7 @@ def _reprojected(matrices: Array, pixels: Array, place: Array) -> tuple[Array, A
 
 
 def same(points: Array, others: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows of board points (n,3) and of others (m,3) that are the same corner."""
+    """Rows of board points (n,3) and of others (m,3) that are one corner."""
     equal = (points[:, None] == others[None]).all(axis=-1)
     rows, columns = np.nonzero(equal)
     return rows, columns

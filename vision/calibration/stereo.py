@@ -41,7 +41,7 @@ def calibrate_rig(
     (the board moved between two pictures of one name).
     """
     names = sorted({Path(p).name for of_camera in images for p in of_camera})
-    shared = [n for n in names if sum(n in {Path(p).name for p in own} for own in images) > 1]
+    shared = [n for n in names if sum(n in {Path(p).name for p in paths} for paths in images) > 1]
     if len(shared) < MIN_COMMON:
         raise ValueError(
             f"{len(shared)} board pictures have the same file name in two cameras, wanted {MIN_COMMON} or "
@@ -67,10 +67,10 @@ def _photographed(
     mirrored: Sequence[bool],
     cameras: Sequence[Camera],
 ) -> list[Shot]:
-    """What the pictures show of the board at rest; pictures of one name are of one instant."""
+    """Shots of the board at rest; pictures with one name are of one instant."""
     shots = []
-    for c, own in enumerate(images):
-        for path in own:
+    for c, paths in enumerate(images):
+        for path in paths:
             seen = board.find(read_picture(Path(path), board, mirrored=c < len(mirrored) and mirrored[c]))
             if len(seen) >= MIN_CORNERS:
                 seen = centred(seen, cameras[c])
@@ -139,7 +139,7 @@ def _remark(rig: Rig, shots: Sequence[Shot], rms: Array) -> str:
 
 
 def synchronous_shots(
-    found: Sequence[Found], times: Sequence[Array], cameras: Sequence[Camera]
+    views: Sequence[Found], times: Sequence[Array], cameras: Sequence[Camera]
 ) -> tuple[list[Shot], Array]:
     """Views of films of a moving board, joined by time stamps, and by how many frames (c,) each camera lags.
 
@@ -152,30 +152,30 @@ def synchronous_shots(
     """
     period = float(np.median(np.concatenate([np.diff(t) for t in times])))
     begin = min(float(t[0]) for t in times)
-    moving = [_moving(f, t) for f, t in zip(found, times, strict=True)]
+    moving = [_moving(f, t) for f, t in zip(views, times, strict=True)]
     shots, lags = [_shots(0, moving[0], times[0], begin, period, 0.0)], [0.0]
     tried = sorted(np.arange(-MAX_LAG, MAX_LAG + LAG_STEP, LAG_STEP), key=abs)
-    for c in range(1, len(found)):
-        before = [v for own in shots for v in own]
+    for c in range(1, len(views)):
+        before = [v for of_camera in shots for v in of_camera]
         tries = [_shots(c, moving[c], times[c], begin, period, lag) for lag in tried]
-        best = int(np.argmin([_disagreement(before, own, cameras) for own in tries]))
+        best = int(np.argmin([_disagreement(before, of_camera, cameras) for of_camera in tries]))
         lags.append(tried[best])
         shots.append(tries[best])
-    return [v for own in shots for v in own], np.array(lags)
+    return [v for of_camera in shots for v in of_camera], np.array(lags)
 
 
-def _moving(found: Found, time: Array) -> list[tuple[Array, Array, Array, Array]]:
+def _moving(views: Found, time: Array) -> list[tuple[Array, Array, Array, Array]]:
     """Points, pixels, speed (px/s) and acceleration (px/s2) of each frame's corners, from the frames beside
     it; a corner that they do not show moves as the others do."""
     moving = []
-    for i, (points, pixels) in enumerate((v.points, v.pixels) for v in found):
+    for i, (points, pixels) in enumerate((v.points, v.pixels) for v in views):
         rates = np.full((len(points), 2, 2), np.nan)
-        beside = [k for k in (i - 1, i + 1) if 0 <= k < len(found)]
+        beside = [k for k in (i - 1, i + 1) if 0 <= k < len(views)]
         shifts = []
         for k in beside:
-            here, there = same(points, found[k].points)
+            here, there = same(points, views[k].points)
             shift = np.full(pixels.shape, np.nan)
-            shift[here] = found[k].pixels[there] - pixels[here]
+            shift[here] = views[k].pixels[there] - pixels[here]
             shifts.append((time[k] - time[i], shift))
         if len(shifts) == 2:
             (a, before), (b, after) = shifts
@@ -184,8 +184,8 @@ def _moving(found: Found, time: Array) -> list[tuple[Array, Array, Array, Array]
         for dt, shift in shifts:
             lone = np.isnan(rates[:, 0, 0]) & np.isfinite(shift[:, 0])
             rates[lone, 0], rates[lone, 1] = shift[lone] / dt, 0.0
-        known = np.isfinite(rates[:, 0, 0])
-        rates[~known] = rates[known].mean(axis=0) if known.any() else np.nan
+        finite = np.isfinite(rates[:, 0, 0])
+        rates[~finite] = rates[finite].mean(axis=0) if finite.any() else np.nan
         moving.append((points, pixels, rates[:, 0], rates[:, 1]))
     return moving
 
@@ -216,9 +216,9 @@ def _shots(
     return list(shots.values())
 
 
-def _disagreement(before: list[Shot], own: list[Shot], cameras: Sequence[Camera]) -> float:
-    """How far the relative poses of a camera and the one that shares most instants with it scatter."""
-    instants = {v.instant: v for v in own}
+def _disagreement(before: list[Shot], shots: list[Shot], cameras: Sequence[Camera]) -> float:
+    """Scatter of the relative poses of a camera and the one that shares most instants with it."""
+    instants = {v.instant: v for v in shots}
     partners = [[v for v in before if v.camera == c and v.instant in instants] for c in range(len(cameras))]
     most = max(partners, key=len)
     if len(most) < MIN_COMMON:

@@ -1,4 +1,4 @@
-"""What is doubtful in a recording: marks that are not, or not where, the project says.
+"""Doubts about a recording: marks that are not, or not where, the project says.
 
 Read `plausibility` first: it refuses marks that contradict their stated sizes and positions in the film's
 first picture. `framemarks` finds the one frame mark that lies elsewhere, or two that are exchanged;

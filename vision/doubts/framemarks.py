@@ -1,4 +1,4 @@
-"""Whether the frame marks lie where they are stated: which one does not, and which two are exchanged."""
+"""Frame marks against their stated places: the one that lies elsewhere, or two that are exchanged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ ALONE = 3.0  # times smaller than with the next best
 
 @dataclass(frozen=True)
 class FrameFit:
-    """How the frame marks agree with their stated places, and what explains it if they do not."""
+    """Agreement of the frame marks with their stated places, and an explanation where they disagree."""
 
     rms_mm: float  # of one component, after the fit of a homography
     limit_mm: float
@@ -34,12 +34,12 @@ class FrameFit:
 
     @property
     def refused(self) -> bool:
-        """Whether these places cannot be measured with."""
+        """True if nothing can be measured with these places."""
         return self.rms_mm > self.limit_mm or (bool(self.odd) and self.away_mm > self.limit_mm)
 
 
 def frame_fit(marks: Sequence[Mark], pixels: Array, *, sd_mm: float, lens: bool = True) -> FrameFit | None:
-    """How the frame marks agree, from the ideal px (p,2) of all marks; None where fewer than 6 are seen.
+    """Agreement of the frame marks, from the ideal px (p,2) of all marks; None where fewer than 6 are seen.
 
     sd_mm: how well their places are known.   lens: whether the pixels are free of the lens's distortion.
     Each is left out in turn, and each is exchanged with every other coded mark.
@@ -48,26 +48,26 @@ def frame_fit(marks: Sequence[Mark], pixels: Array, *, sd_mm: float, lens: bool 
     if len(rows) < LEAST:
         return None
     nominal = np.array([marks[p].position for p in rows])[:, [0, 2]]
-    whole, worst = _misfit(nominal, pixels[rows][None])
+    overall, worst = _misfit(nominal, pixels[rows][None])
     limit = min(LIMIT_MM, LIMIT_SHARE * float(np.ptp(nominal, axis=0).max())) * (1.0 if lens else BARE)
-    fit = FrameFit(float(whole[0]), limit, marks[rows[int(worst[0])]].name)
+    fit = FrameFit(float(overall[0]), limit, marks[rows[int(worst[0])]].name)
     if not _contradicts(fit.rms_mm, 2 * len(rows) - 8, sd_mm):
         return fit
     without = np.repeat(pixels[rows][None], len(rows), axis=0)
     without[np.arange(len(rows)), np.arange(len(rows))] = np.nan
     pairs, exchanged = _exchanges(marks, rows, pixels)
-    left, swapped = _misfit(nominal, without)[0], _misfit(nominal, exchanged)[0]
-    best, pair = int(np.argmin(left)), int(np.argmin(swapped)) if len(pairs) else -1
-    if len(pairs) and swapped[pair] < left[best] and _explains(swapped, pair, fit.rms_mm):
+    remaining, swapped = _misfit(nominal, without)[0], _misfit(nominal, exchanged)[0]
+    best, pair = int(np.argmin(remaining)), int(np.argmin(swapped)) if len(pairs) else -1
+    if len(pairs) and swapped[pair] < remaining[best] and _explains(swapped, pair, fit.rms_mm):
         a, b = pairs[pair]
         return replace(fit, swapped=(marks[a].name, marks[b].name), left_mm=float(swapped[pair]))
-    if not _explains(left, best, fit.rms_mm):
+    if not _explains(remaining, best, fit.rms_mm):
         return fit
     seen = to_plane(homographies(nominal, without[best : best + 1]), pixels[rows[best]][None, None])[0, 0]
     return replace(
-        fit, odd=marks[rows[best]].name, left_mm=float(left[best]), seen_at=(float(seen[0]), float(seen[1])),
-        away_mm=float(np.hypot(*(seen - nominal[best]))),
-        chance=float(chi2.sf(left[best] ** 2 / sd_mm**2 * (2 * len(rows) - 10), 2 * len(rows) - 10)),
+        fit, odd=marks[rows[best]].name, left_mm=float(remaining[best]),
+        seen_at=(float(seen[0]), float(seen[1])), away_mm=float(np.hypot(*(seen - nominal[best]))),
+        chance=float(chi2.sf(remaining[best] ** 2 / sd_mm**2 * (2 * len(rows) - 10), 2 * len(rows) - 10)),
     )  # fmt: skip
 
 
@@ -77,26 +77,26 @@ def check_frame(fit: FrameFit | None, marks: Sequence[Mark]) -> None:
     if fit is None or not fit.refused:
         return
     off = f"the frame markers are {fit.rms_mm:.1f} mm (rms) off their stated places"
-    wanted = f"wanted at most {fit.limit_mm:.3g} mm"
+    limit = f"wanted at most {fit.limit_mm:.3g} mm"
     if fit.swapped:
         codes = {marks[p].name: code for p, code in codes_of(marks).items()}
-        (a, b), first, second = fit.swapped, codes[fit.swapped[0]], codes[fit.swapped[1]]
+        (a, b), code_a, code_b = fit.swapped, codes[fit.swapped[0]], codes[fit.swapped[1]]
         raise ValueError(
-            f"markers {a!r} (id {first}) and {b!r} (id {second}) have each other's places: {off}, {wanted}, "
+            f"markers {a!r} (id {code_a}) and {b!r} (id {code_b}) have each other's places: {off}, {limit}, "
             f"and {fit.left_mm:.2g} mm with these two exchanged; exchange their marker ids, or "
             "their position_mm"
         )
     if fit.odd:
-        stated = next(m.position for m in marks if m.name == fit.odd)
+        nominal = next(m.position for m in marks if m.name == fit.odd)
         x, z = fit.seen_at
         raise ValueError(
-            f"frame marker {fit.odd!r} lies {fit.away_mm:.1f} mm from its stated place, {wanted}: it is "
-            f"stated at x = {stated[0]:g}, z = {stated[2]:g} mm, and the others, which agree to "
+            f"frame marker {fit.odd!r} lies {fit.away_mm:.1f} mm from its stated place, {limit}: it is "
+            f"stated at x = {nominal[0]:g}, z = {nominal[2]:g} mm, and the others, which agree to "
             f"{fit.left_mm:.2g} mm without it, see it at x = {x:.1f}, z = {z:.1f} mm; correct its "
             "position_mm or its marker id, or remove it"
         )
     raise ValueError(
-        f"{off}, {fit.worst!r} most, {wanted}; neither one marker nor an exchange of two explains it: "
+        f"{off}, {fit.worst!r} most, {limit}; neither one marker nor an exchange of two explains it: "
         "measure position_mm of the frame markers again (x along the finger from the clamp, z up, in mm)"
     )
 
@@ -106,8 +106,8 @@ def without_odd(fit: FrameFit | None, marks: Sequence[Mark]) -> tuple[list[Mark]
     sentence about it."""
     if fit is None or not fit.odd or fit.chance < UNLIKELY:
         return list(marks), ()
-    kept = [replace(m, role="fixed") if m.name == fit.odd else m for m in marks]
-    return kept, (
+    adjusted = [replace(m, role="fixed") if m.name == fit.odd else m for m in marks]
+    return adjusted, (
         f"Frame marker {fit.odd!r} lies {fit.away_mm:.2f} mm from its stated place; the others agree without "
         f"it. It does not define the frame, and is kept as a fixed marker: correct its position_mm, "
         f"x = {fit.seen_at[0]:.2f}, z = {fit.seen_at[1]:.2f} mm as the others see it.",
@@ -118,23 +118,23 @@ def _misfit(nominal: Array, pixels: Array) -> tuple[Array, Array]:
     """Rms (t,) mm of one component after the fit of a homography to pixels (t,f,2), inf where there is none,
     and the row (t,) that misses most."""
     with np.errstate(all="ignore"):  # marks that are exchanged may have no homography at all
-        found = homographies(nominal, pixels)
-        power = np.nansum((to_plane(found, pixels) - nominal) ** 2, axis=2)
+        homography = homographies(nominal, pixels)
+        power = np.nansum((to_plane(homography, pixels) - nominal) ** 2, axis=2)
         free = 2 * np.isfinite(pixels[..., 0]).sum(axis=1) - 8
         rms = np.sqrt(power.sum(axis=1) / np.maximum(free, 1))
-    known = np.isfinite(found[:, 0, 0]) & (free > 0) & np.isfinite(rms)
-    return np.where(known, rms, np.inf), power.argmax(axis=1)
+    solvable = np.isfinite(homography[:, 0, 0]) & (free > 0) & np.isfinite(rms)
+    return np.where(solvable, rms, np.inf), power.argmax(axis=1)
 
 
 def _contradicts(rms: float, free: int, sd_mm: float) -> bool:
     return bool(chi2.sf(rms**2 * free / sd_mm**2, free) < UNLIKELY)
 
 
-def _explains(misfit: Array, best: int, whole: float) -> bool:
-    """Whether the best of some explanations leaves far less than none, and far less than the others."""
+def _explains(misfit: Array, best: int, overall: float) -> bool:
+    """True if the best explanation leaves far less than none, and far less than all others."""
     others = np.delete(misfit, best)
     return bool(
-        misfit[best] * PLAIN < whole and misfit[best] * ALONE < (others.min() if len(others) else np.inf)
+        misfit[best] * PLAIN < overall and misfit[best] * ALONE < (others.min() if len(others) else np.inf)
     )
 
 

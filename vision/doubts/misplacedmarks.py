@@ -1,6 +1,5 @@
-"""What the first picture casts doubt on without being sure: marks in front of or behind where they are
-stated, and marks glued elsewhere on the finger or the rig. Each doubt is one sentence; nothing is refused.
-"""
+"""Doubts from the first picture: marks in front of or behind where they are stated, and marks glued elsewhere
+on the finger or the rig. Each doubt is one sentence; nothing is refused."""
 
 from collections.abc import Sequence
 
@@ -43,15 +42,15 @@ def doubts(marks: Sequence[Mark], warp: Array, *, camera: Camera, placement_sd_m
 
 
 def _heights(marks: Sequence[Mark], side: Array, height: Array, distance: float) -> tuple[str, ...]:
-    """A sentence where the finger's marks look larger or smaller than those of the frame, all of one size."""
+    """A sentence where the finger's marks look larger or smaller than frame marks of equal size."""
     size, coded = np.array([mark.size_mm for mark in marks]), list(codes_of(marks))
     seen = np.isfinite(side)
-    own, rig = ([p for p in coded if seen[p] and marks[p].role == role] for role in ("finger", "frame"))
-    if min(len(own), len(rig)) < 2 or len(set(size[[*own, *rig]].tolist())) > 1:
+    finger, rig = ([p for p in coded if seen[p] and marks[p].role == role] for role in ("finger", "frame"))
+    if min(len(finger), len(rig)) < 2 or len(set(size[[*finger, *rig]].tolist())) > 1:
         return ()
     ratio = np.log(side * (1.0 - height / distance) / size)
-    sd = SIZE_SD + np.hypot(*(np.std(ratio[rows], ddof=1) / np.sqrt(len(rows)) for rows in (own, rig)))
-    larger = float(np.median(ratio[own]) - np.median(ratio[rig]))
+    sd = SIZE_SD + np.hypot(*(np.std(ratio[rows], ddof=1) / np.sqrt(len(rows)) for rows in (finger, rig)))
+    larger = float(np.median(ratio[finger]) - np.median(ratio[rig]))
     off = larger * abs(distance)
     if abs(larger) < CLEAR * sd or abs(off) < LEAST_MM:
         return ()
@@ -59,7 +58,7 @@ def _heights(marks: Sequence[Mark], side: Array, height: Array, distance: float)
     return (
         f"The finger's markers look {100 * abs(larger):.1f} % {how} than those of the frame, though all "
         f"have one size_mm: they seem to lie about {abs(off):.0f} mm {where} the camera than stated, which "
-        f"is {_of_plane(float(np.median(height[own])) * np.sign(distance))}. All displacements would be "
+        f"is {_of_plane(float(np.median(height[finger])) * np.sign(distance))}. All displacements would be "
         f"{100 * abs(larger):.1f} % too {much}: check the y of all position_mm, and size_mm.",
     )
 
@@ -83,12 +82,12 @@ def _places(marks: Sequence[Mark], place: Array, nominal: Array, sd_mm: float) -
     return tuple(_sentence(marks[p].name, place[p], nominal[p]) for p in np.array(rows)[odd])
 
 
-def _sentence(name: str, seen: Array, stated: Array) -> str:
+def _sentence(name: str, seen: Array, nominal: Array) -> str:
     x, z = np.round(seen, 1) + 0.0
     return (
         f"Finger marker {name!r} is seen at x = {x:.1f}, z = {z:.1f} mm at rest, stated at x = "
-        f"{stated[0]:.4g}, z = {stated[1]:.4g} mm, and the finger's sag does not explain it. If it is glued "
-        "there, correct its position_mm or node: its motion is compared with the model's at the "
+        f"{nominal[0]:.4g}, z = {nominal[1]:.4g} mm, and the finger's sag does not explain it. If it is "
+        "glued there, correct its position_mm or node: its motion is compared with the model's at the "
         "stated place."
     )
 
@@ -106,15 +105,15 @@ def _fixed(marks: Sequence[Mark], place: Array, nominal: Array) -> tuple[str, ..
 
 
 def _off_line(along: Array, sag: Array) -> Array:
-    """How far the one of some marks (p,) at rest lies, in mm, off the line of all others that agrees best
-    with them: a bent line x, x^2 through the clamp. 0 for the others, and where they are fewer than four."""
+    """Distance (p,) in mm of the odd mark at rest off the line of all others that agrees best with them: a
+    bent line x, x^2 through the clamp. 0 for the others, and where they are fewer than four."""
     off, line = np.zeros(len(sag)), np.column_stack([along, along**2])
     if len(sag) < 4:
         return off
-    left = np.zeros((len(sag), len(sag)))
+    residual = np.zeros((len(sag), len(sag)))
     for k in range(len(sag)):
         others = np.arange(len(sag)) != k
-        left[k] = sag - line @ np.linalg.lstsq(line[others], sag[others], rcond=None)[0]
-    odd = int(np.argmin([np.delete(row, k) @ np.delete(row, k) for k, row in enumerate(left)]))
-    off[odd] = abs(left[odd, odd])
+        residual[k] = sag - line @ np.linalg.lstsq(line[others], sag[others], rcond=None)[0]
+    odd = int(np.argmin([np.delete(row, k) @ np.delete(row, k) for k, row in enumerate(residual)]))
+    off[odd] = abs(residual[odd, odd])
     return off

@@ -1,4 +1,4 @@
-"""Whether marks can be what they are stated to be, told by the first picture that shows them all.
+"""Marks that contradict their stated sizes and positions in the first picture that shows them all.
 
 Each gate raises one sentence for what would give wrong millimetres without a sign: sizes and positions in
 different units, positions that are mirrored, marks that are exchanged or never seen.
@@ -63,14 +63,14 @@ def check_side(marks: Sequence[Mark], homography: Array) -> None:
     front = bool(np.linalg.det(homography) / near[2] > 0)  # x runs to the left where z runs up
     if front == bool(y >= 0.0):
         return
-    seen, own = ("+y", "-y") if front else ("-y", "+y")
+    seen, facing = ("+y", "-y") if front else ("-y", "+y")
     up = homography @ (x, z + 1.0, 1.0)
-    way = "up" if up[1] / up[2] < near[1] / near[2] else "down"
+    direction = "up" if up[1] / up[2] < near[1] / near[2] else "down"
     raise ValueError(
         f"the markers' positions are mirrored: by their x and z the camera looks from the {seen} side, but "
-        f"their y = {y:g} mm says that they face the {own} side; wanted x along the finger from the clamp, z "
-        f"up (in the picture their z runs {way}), y on the side that the camera sees; correct the sign of z "
-        f"or x of all position_mm, or of y if the camera does look from the {seen} side"
+        f"their y = {y:g} mm says that they face the {facing} side; wanted x along the finger from the "
+        f"clamp, z up (in the picture their z runs {direction}), y on the side that the camera sees; correct "
+        f"the sign of z or x of all position_mm, or of y if the camera does look from the {seen} side"
     )
 
 
@@ -78,7 +78,7 @@ def check_faces(marks: Sequence[Mark], seen: NDArray[np.bool_]) -> None:
     """Raises ValueError for a mark that the camera sees (p,) and that is stated on the other side, y, of the
     finger than the frame marks."""
     y = float(np.mean([mark.position[1] for mark in marks if mark.role == "frame"]))
-    for mark in (m for m, own in zip(marks, seen, strict=True) if own and m.role == "finger"):
+    for mark in (m for m, visible in zip(marks, seen, strict=True) if visible and m.role == "finger"):
         if mark.position[1] * y < 0.0 and min(abs(mark.position[1]), abs(y)) > APART_MM:
             raise ValueError(
                 f"finger marker {mark.name!r} is stated at y = {mark.position[1]:g} mm and the frame markers "

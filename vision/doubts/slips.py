@@ -44,16 +44,16 @@ def find_slips(time: Array, value: Array, turns: Array, sd: Array, marks: Sequen
     """
     seen = np.isfinite(value[..., 0]).mean(axis=0) >= SEEN
     steady = [p for p, mark in enumerate(marks) if mark.role == "finger" and seen[p]]
-    xz, said = value[..., [0, 2]], []
+    xz, sentences = value[..., [0, 2]], []
     while len(steady) >= MIN_MARKS:
-        found = _jumps(xz, turns, sd, steady)
-        if not found:
+        jumps = _jumps(xz, turns, sd, steady)
+        if not jumps:
             break
-        left = {p: _jumps(xz, turns, sd, [q for q in steady if q != p]) for p in found}
-        slipped = min(found, key=lambda p: (sum(j.score for j in left[p].values()), -found[p].score))
-        said.append(_sentence(marks[slipped].name, found[slipped], time))
+        remaining = {p: _jumps(xz, turns, sd, [q for q in steady if q != p]) for p in jumps}
+        slipped = min(jumps, key=lambda p: (sum(j.score for j in remaining[p].values()), -jumps[p].score))
+        sentences.append(_sentence(marks[slipped].name, jumps[slipped], time))
         steady = [q for q in steady if q != slipped]
-    return tuple(said)
+    return tuple(sentences)
 
 
 def _sentence(name: str, jump: Jump, time: Array) -> str:
@@ -70,14 +70,14 @@ def _jumps(xz: Array, turns: Array, sd: Array, marks: Sequence[int]) -> dict[int
     jumps = {}
     for p in marks:
         others = [q for q in marks if q != p]
-        known = np.flatnonzero(np.isfinite(xz[:, [p, *others], 0]).all(axis=1))
-        if not others or len(known) < MIN_FRAMES:
+        frames = np.flatnonzero(np.isfinite(xz[:, [p, *others], 0]).all(axis=1))
+        if not others or len(frames) < MIN_FRAMES:
             continue
         noise = float(np.sqrt(np.mean(sd[p, [0, 2]] ** 2)))
-        basis = _basis(xz[known][:, others].reshape(len(known), -1), noise)
-        jump = _jump(xz[known, p], turns[known, p], basis, noise)
+        basis = _basis(xz[frames][:, others].reshape(len(frames), -1), noise)
+        jump = _jump(xz[frames, p], turns[frames, p], basis, noise)
         if jump is not None:
-            jumps[p] = jump._replace(frame=int(known[jump.frame]))
+            jumps[p] = jump._replace(frame=int(frames[jump.frame]))
     return jumps
 
 
@@ -88,9 +88,9 @@ def _basis(places: Array, noise: float) -> Array:
     score = centred @ axes[:3].T
     unit = score / np.maximum(np.abs(score).max(axis=0), 1e-12)
     loud = size[:3] > 3.0 * noise * np.sqrt(len(places))  # motion, and not noise
-    first = np.polynomial.chebyshev.chebvander(unit[:, 0], DEGREE if loud[0] else 0)
+    chebyshev = np.polynomial.chebyshev.chebvander(unit[:, 0], DEGREE if loud[0] else 0)
     more = unit[:, 1:] * loud[1:]
-    columns = np.hstack([first, more, more[:, :1] ** 2, more[:, :1] * unit[:, :1]])
+    columns = np.hstack([chebyshev, more, more[:, :1] ** 2, more[:, :1] * unit[:, :1]])
     vectors, power, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(vectors[:, power > 1e-8 * power[0]])
 
@@ -107,14 +107,14 @@ def _jump(place: Array, turn: Array, basis: Array, noise: float) -> Jump | None:
     normal = count - np.einsum("tkij,tkil->tjl", inside, inside)
     tried = slice(SIDE, len(place) - SIDE + 1)
     shift = np.linalg.solve(normal[tried] + 1e-9 * np.eye(2), product[tried, :, None])[..., 0]
-    told = np.linalg.eigvalsh(normal[tried])[:, 0] > TOLD
-    best = int(np.argmax(np.where(told, np.sum(shift * product[tried], axis=1), 0.0)))
+    distinct = np.linalg.eigvalsh(normal[tried])[:, 0] > TOLD
+    best = int(np.argmax(np.where(distinct, np.sum(shift * product[tried], axis=1), 0.0)))
     frame, shift = best + SIDE, shift[best]
     field = np.where(np.arange(len(place))[:, None] >= frame, shifted @ shift, 0.0)
     explained = field - basis @ (basis.T @ field)
-    left = rest - explained
-    score = float(np.hypot(*shift) / np.hypot(noise, np.sqrt(np.mean(left**2))))
-    with_it = np.einsum("tij,ti->tj", shifted, left + field)  # turned back
+    residual = rest - explained
+    score = float(np.hypot(*shift) / np.hypot(noise, np.sqrt(np.mean(residual**2))))
+    with_it = np.einsum("tij,ti->tj", shifted, residual + field)  # turned back
     at_once = with_it[frame : frame + SHARP].mean(axis=0) - with_it[frame - SHARP : frame].mean(axis=0)
     at_end, large = with_it[-SIDE:].mean(axis=0), np.hypot(*shift) > LEAST_MM
     lasting = min(at_once @ shift, at_end @ shift) > HALF * (shift @ shift)

@@ -21,8 +21,8 @@ FINE = 4  # bits of a pixel's fraction that OpenCV draws with
 def farthest(tracks: Tracks) -> int:
     """The frame in which the marks are farthest from where each was first seen."""
     seen = np.isfinite(tracks.position[..., 0])
-    first = tracks.position[np.argmax(seen, axis=0), np.arange(seen.shape[1])]
-    return int(np.argmax(np.nan_to_num((tracks.position - first) ** 2).sum(axis=(1, 2))))
+    start = tracks.position[np.argmax(seen, axis=0), np.arange(seen.shape[1])]
+    return int(np.argmax(np.nan_to_num((tracks.position - start) ** 2).sum(axis=(1, 2))))
 
 
 def overlay(film: Video, tracks: Tracks) -> NDArray[np.uint8]:
@@ -63,12 +63,12 @@ def overlay(film: Video, tracks: Tracks) -> NDArray[np.uint8]:
 def _factor(covariance: Array) -> float:
     """Round factor that brings the usual sd (p,2,2) px2 to some pixels."""
     variance = 0.5 * np.trace(covariance, axis1=1, axis2=2)
-    known = variance[np.isfinite(variance) & (variance > 0)]
-    if not len(known):
+    finite = variance[np.isfinite(variance) & (variance > 0)]
+    if not len(finite):
         return 1.0
-    wanted = ELLIPSE_PX / float(np.sqrt(np.median(known)))
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)))
+    enlargement = ELLIPSE_PX / float(np.sqrt(np.median(finite)))
+    power = 10.0 ** np.floor(np.log10(enlargement))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= enlargement * (1 + 1e-9)))
 
 
 def _path(picture: NDArray[np.uint8], position: Array) -> None:
@@ -103,8 +103,8 @@ def write_text(
     y = int(np.clip(place[1], height + 2, picture.shape[0] - 4))
     # A thicker stroke would be a wider font: the rim is the same letters a pixel off.
     for dx, dy, ink in ((-1, 0, DARK), (1, 0, DARK), (0, -1, DARK), (0, 1, DARK), (0, 0, colour)):
-        at = (x + dx, y + dy)
-        cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * unit, ink, 1, cv2.LINE_AA)
+        corner = (x + dx, y + dy)
+        cv2.putText(picture, text, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * unit, ink, 1, cv2.LINE_AA)
 
 
 def _fixed(place: Array) -> tuple[int, int]:

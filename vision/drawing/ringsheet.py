@@ -27,26 +27,26 @@ def ring_sheet(film: Video, marks: Sequence[Mark], *, dictionary: str) -> tuple[
     """
     picture = next(iter(film.frames()))[2]
     seen = first_seen([picture], no_lens(picture), marks, dictionary)
-    found = np.isfinite(seen[:, 0, 0])
+    is_found = np.isfinite(seen[:, 0, 0])
     centre, radius = _expected(seen, marks)
     quads = detect(picture, dictionary)[0]
-    stated = set(codes_of(marks).values())
+    codes = set(codes_of(marks).values())
     drawn = np.asarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     unit = max(picture.shape[1] / 1280.0, 0.5)
     for p, mark in enumerate(marks):
-        label = mark.name if found[p] else f"{mark.name} not found"
-        _ring(drawn, centre[p], radius[p], label, FOUND if found[p] else MISSING, unit)
+        label = mark.name if is_found[p] else f"{mark.name} not found"
+        _ring(drawn, centre[p], radius[p], label, FOUND if is_found[p] else MISSING, unit)
     for code, quad in quads.items():
-        if code not in stated:
+        if code not in codes:
             reach = 0.8 * float(np.linalg.norm(quad[2] - quad[0]))
             _ring(drawn, quad.mean(axis=0), reach, f"id {code} of no mark", UNUSED, unit)
-    legend = f"green: found ({int(found.sum())} of {len(marks)}); red: not found; yellow: an id of no mark"
+    legend = f"green: found ({int(is_found.sum())} of {len(marks)}); red: not found; yellow: an id of no mark"
     write_text(drawn, legend, np.array([8.0, drawn.shape[0] - 10.0]), unit, (255, 255, 255))
-    return drawn, int(found.sum())
+    return drawn, int(is_found.sum())
 
 
 def _expected(seen: Array, marks: Sequence[Mark]) -> tuple[Array, Array]:
-    """Where marks of warps (p,3,3) are, or should be, (p,2) px, and the radius (p,) px of a circle round
+    """Places (p,2) px of marks with warps (p,3,3), seen or expected, and the radius (p,) px of a circle round
     each; NaN where too few of the frame are seen to tell."""
     centre, radius = seen[:, :2, 2].copy(), REACH * px_per_unit(seen)
     frame = [p for p in rows_of(marks)[0] if np.isfinite(centre[p, 0])]

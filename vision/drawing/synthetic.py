@@ -148,7 +148,7 @@ class _Rays:
 
 
 def _rays_of(camera: Camera) -> _Rays:
-    """The camera's rays, kept for the next picture of the same camera."""
+    """The camera's rays, kept for its next picture."""
     return _kept_rays(camera.parameters.tobytes(), camera.size)
 
 

@@ -1,4 +1,5 @@
-"""How long noise lasts: what of a place's scatter at rest comes anew in every frame, and what stays."""
+"""Memory of noise: the part of a place's scatter at rest that comes anew in every frame, and the part that
+stays."""
 
 from dataclasses import dataclass
 
@@ -25,7 +26,14 @@ class Persistence:
     first: float  # correlation of the whole from one frame to the next
 
     def of_mean(self, count: int) -> float:
-        """Variance of the mean of successive values, over that of one."""
+        """Variance of the mean of successive values, relative to a single value.
+
+        >>> WHITE.of_mean(100)
+        0.01
+        >>> slow = Persistence(lasting=0.5, rho=0.9, total=1.0, first=0.45)
+        >>> round(slow.of_mean(100), 4)  # as if 11 values were independent
+        0.091
+        """
         return float(of_mean(np.array(self.lasting), np.array(self.rho), count))
 
     def independent(self, frames: int) -> float:
@@ -38,8 +46,8 @@ WHITE = Persistence(0.0, 0.0, 1.0, 0.0)
 
 
 def of_mean(lasting: Array, rho: Array, count: int) -> Array:
-    """Variance of the mean of `count` successive values over that of one: white noise, and a share `lasting`
-    that is an autoregression with rho."""
+    """Variance of the mean of `count` successive values, relative to a single value: white noise, and a share
+    `lasting` that is an autoregression with rho."""
     lag = np.arange(1, count)
     weight = np.sum((1.0 - lag / count) * _left(rho, lag), axis=-1)
     return np.asarray((1.0 + 2.0 * lasting * weight) / count)
@@ -63,21 +71,21 @@ def persistence_of(error: Array) -> Persistence:
     if not unit.size:
         return WHITE
     ahead, behind = np.nan_to_num(unit[1:]), np.nan_to_num(unit[:-1])
-    first = float(np.sum(ahead * behind) / np.sum(np.nan_to_num(unit) ** 2))
-    if first < SURE * _scatter(np.nan_to_num(unit)):
+    lag1 = float(np.sum(ahead * behind) / np.sum(np.nan_to_num(unit) ** 2))
+    if lag1 < SURE * _scatter(np.nan_to_num(unit)):
         return WHITE
-    unit = _scaled(unit, innovations(unit, first))
+    unit = _scaled(unit, innovations(unit, lag1))
     lags = np.unique(np.round(np.geomspace(1, len(error) // 2, LAGS)).astype(int))
-    found = np.array([0.5 * np.nanmean((unit[lag:] - unit[:-lag]) ** 2) for lag in lags])
+    semivariance = np.array([0.5 * np.nanmean((unit[lag:] - unit[:-lag]) ** 2) for lag in lags])
     weight = lags**TOWARDS_LONG
     best, result = np.inf, (0.0, 1.0, 0.0)
     for rho in np.exp(-1.0 / np.geomspace(0.3, -1.0 / np.log(MOST_RHO), 80)):
-        terms = np.stack([np.ones(len(lags)), 1.0 - _left(rho, lags)], axis=1) / found[:, None]
-        (white, lasts), left = nnls(terms * weight[:, None], weight)
-        if left < best:
-            best, result = left, (float(rho), float(white), float(lasts))
+        terms = np.stack([np.ones(len(lags)), 1.0 - _left(rho, lags)], axis=1) / semivariance[:, None]
+        (white, lasts), misfit = nnls(terms * weight[:, None], weight)
+        if misfit < best:
+            best, result = misfit, (float(rho), float(white), float(lasts))
     rho, white, lasts = result
-    return Persistence(lasts / (white + lasts), rho, white + lasts, first)
+    return Persistence(lasts / (white + lasts), rho, white + lasts, lag1)
 
 
 def _scatter(unit: Array) -> float:
@@ -92,10 +100,11 @@ def _scaled(error: Array, by: Array) -> Array:
     return np.asarray(error[:, size > 0] / size[size > 0])
 
 
-def innovations(error: Array, first: float) -> Array:
-    """What is new in every frame but the first of errors (t,...) with this correlation from frame to frame.
+def innovations(error: Array, lag1: float) -> Array:
+    """Innovations (t-1,...): the new part in every frame but the first of errors (t,...) with the correlation
+    `lag1` from frame to frame.
 
     It is nearly white, so that it tells how points are correlated, and which are noisier, ten times better
     than the errors themselves.
     """
-    return np.asarray(error[1:] - first * error[:-1])
+    return np.asarray(error[1:] - lag1 * error[:-1])

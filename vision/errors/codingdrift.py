@@ -1,4 +1,4 @@
-"""How the coding error of marks at rest changes: at rare key frames, and while others move.
+"""Coding error of marks at rest, which changes at rare key frames, and while others move.
 
 A key frame draws the picture anew, with another error that stays until the next; where others move, what
 stays changes too. Frame marks, which never move, tell how much; it becomes modes.
@@ -48,7 +48,7 @@ def stretches(keys: NDArray[np.intp], frames: int) -> list[slice]:
 
 
 def rare(parts: Sequence[slice]) -> bool:
-    """Whether key frames are so few that the noise's persistence misses the steps at them."""
+    """True if key frames are so few that the noise's persistence misses the steps at them."""
     return parts[-1].stop >= LONG * len(parts)
 
 
@@ -71,25 +71,25 @@ def coding_drift(
     share = shares(rest)
     variance = float(np.mean(rest.noise.sd[:, [0, 2]] ** 2 / share))
     noise = rest.noise.persistence.lasting * variance
-    told = [(FRESH * frozen / float(share.mean()) - noise, WORTH if frozen > 0.0 else 0.0)]
-    told.append(_redrawn(_steps(film.residual, keys), rest, free, free))
-    own = _steps(np.concatenate([place[:, seen], quiet.residual], axis=1), quiet_keys)
-    told.append(_redrawn(own, rest, 2.0 * int(seen.sum()) + free, float(share[seen].sum()) + free))
-    weight = sum(count for _, count in told)
-    drawn = max(sum(found * count for found, count in told) / weight, 0.0) if weight else 0.0
+    estimates = [(FRESH * frozen / float(share.mean()) - noise, WORTH if frozen > 0.0 else 0.0)]
+    estimates.append(_redrawn(_steps(film.residual, keys), rest, free, free))
+    steps = _steps(np.concatenate([place[:, seen], quiet.residual], axis=1), quiet_keys)
+    estimates.append(_redrawn(steps, rest, 2.0 * int(seen.sum()) + free, float(share[seen].sum()) + free))
+    weight = sum(count for _, count in estimates)
+    drawn = max(sum(estimate * count for estimate, count in estimates) / weight, 0.0) if weight else 0.0
     # The noise's own steps from block to block; not where it is a small part, and would go on growing.
     mean = rest.noise.persistence.of_mean
-    known = 2.0 * (mean(BLOCK) - mean(2 * BLOCK)) * variance * noise / max(drawn + noise, 1e-30)
-    kept = _kept(film.residual, blocks, of, free, drawn + noise, known)
+    static_step = 2.0 * (mean(BLOCK) - mean(2 * BLOCK)) * variance * noise / max(drawn + noise, 1e-30)
+    correlation = _block_correlation(film.residual, blocks, of, free, drawn + noise, static_step)
     # Where others move, coders draw B-frames of what rests less exactly.
     flicker = max(_new(film) - _new(quiet), 0.0)
-    return CodingDrift(tuple(blocks), drawn * kept, flicker, float(np.sqrt(variance)))
+    return CodingDrift(tuple(blocks), drawn * correlation, flicker, float(np.sqrt(variance)))
 
 
 def shares(rest: Rest) -> Array:
-    """Variance (p,2) of each place over that of a mark's centre: the frame marks' is in it."""
-    own = max(rest.frame_variance, 1e-30)
-    return np.asarray(1.0 + np.where(rest.frame_variance > 0.0, rest.homography / own, 0.0))
+    """Variance (p,2) of each place relative to a mark's centre: the frame marks' is in it."""
+    variance = max(rest.frame_variance, 1e-30)
+    return np.asarray(1.0 + np.where(rest.frame_variance > 0.0, rest.homography / variance, 0.0))
 
 
 def _blocks(keys: Sequence[slice]) -> tuple[list[slice], NDArray[np.intp]]:
@@ -123,25 +123,25 @@ def _redrawn(
 
 def _steps(place: Array, keys: Sequence[slice]) -> list[tuple[float, int, int]]:
     """Half the squared step mm2 of places (t,m,2) at each key frame, summed; frames before and after it."""
-    found = []
+    steps = []
     for a, b in pairwise(keys):
         before = place[max(a.start, a.stop - BLOCK) : a.stop]
         after = place[b.start : min(b.stop, b.start + BLOCK)]
         if min(len(before), len(after)) >= SETTLED:
-            found.append((_half(mean_seen(before), mean_seen(after)), len(before), len(after)))
-    return found
+            steps.append((_half(mean_seen(before), mean_seen(after)), len(before), len(after)))
+    return steps
 
 
-def _kept(
-    residual: Array, blocks: Sequence[slice], of: NDArray[np.intp], free: int, variance: float, known: float
+def _block_correlation(
+    residual: Array, blocks: Sequence[slice], of: NDArray[np.intp], free: int, variance: float, static: float
 ) -> Array:
     """Correlation (b,b) of blocks' errors of that variance mm2; frame marks tell what each one changes.
 
-    known: mm2 of half their squared steps that are stated elsewhere.
+    static: mm2 of half their squared steps that are stated elsewhere.
     """
     means = [mean_seen(residual[block]) for block in blocks]
     same = of[1:] == of[:-1]
-    step = np.array([_half(a, b) for a, b in pairwise(means)]) / max(free, 1) - known
+    step = np.array([_half(a, b) for a, b in pairwise(means)]) / max(free, 1) - static
     usual = (SLOW * variance * FEW + free * float(step[same].sum())) / (FEW + free * int(same.sum()))
     step = np.maximum((FEW * usual + free * step) / (FEW + free), 0.0)
     age = -np.log(1.0 - np.minimum(step / max(variance, 1e-30), MOST_NEW))
@@ -165,7 +165,8 @@ def key_modes(
     error: CodingDrift, steps: NDArray[np.intp], reference: NDArray[np.intp],
     marks: Sequence[Mark], still: NDArray[np.bool_], plane: Plane, place: Array,
 ) -> Named:  # fmt: skip
-    """What stays in marks at rest, relative to the reference: of each that always rests, and of the plane.
+    """Errors that stay in marks at rest, relative to the reference: of each mark that always rests, and of
+    the plane.
 
     steps: (s,) frames that are kept.   reference: (r,) among them.   still: (p,) marks that never move; the
     others have the codec's modes.
@@ -196,5 +197,5 @@ def courses(error: CodingDrift, steps: NDArray[np.intp], reference: NDArray[np.i
     within -= within[:, reference].mean(axis=1, keepdims=True)
     root = np.sqrt(np.maximum(power, 0.0))[:, None] * turn.T
     _, size, course = np.linalg.svd(root @ within, full_matrices=False)
-    kept = (size > LEAST * error.noise_mm * np.sqrt(len(steps)))[:MOST]
-    return np.asarray((size[:, None] * course)[: len(kept)][kept])
+    significant = (size > LEAST * error.noise_mm * np.sqrt(len(steps)))[:MOST]
+    return np.asarray((size[:, None] * course)[: len(significant)][significant])

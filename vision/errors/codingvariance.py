@@ -1,4 +1,5 @@
-"""What lossy coding adds to the noise at rest, by what a patch does: from the film's frames, coded again."""
+"""Variance that lossy coding adds to the noise at rest, by state of the patch: from the film's frames, coded
+again."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ STOPS = 0.9  # error kept in a rest over that of slow motion, drawn film
 
 @dataclass(frozen=True)
 class Codec:
-    """What lossy coding adds to the static noise, (3,) mm, by what the patch does."""
+    """Sd (3,) in mm that lossy coding adds to the static noise, by state of the patch."""
 
     fast: Array  # sd while it moves by more than FAST_PX a frame: P-frames predict it
     creep: Array  # sd while it moves more slowly, or is shaken: P-frames lag behind it
@@ -95,8 +96,8 @@ def _stays(parts: Sequence[Again]) -> float:
         products += float(np.sum(after * before))
         powers += 0.5 * float(np.sum(after**2 + before**2))
         count += len(after)
-    known = count >= SETTLED and powers > 0
-    return float(np.clip(products / powers, 0.0, CREEP_SHARED)) if known else CREEP_SHARED
+    enough = count >= SETTLED and powers > 0
+    return float(np.clip(products / powers, 0.0, CREEP_SHARED)) if enough else CREEP_SHARED
 
 
 def _mean_square(error: Array) -> Array:

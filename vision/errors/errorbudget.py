@@ -35,6 +35,11 @@ def budget(
     variance: source to (s,p,3) mm2, the parts of the independent covariance's diagonal.
     modes: (k,s,p,3) mm, 1 sd each.   names: (k,), the source first: "placement:tip:x".
     seen: (s,p) whether the mark is.
+
+    >>> variance = {"static": np.full((2, 1, 3), 0.01**2)}
+    >>> table = budget(variance, np.full((1, 2, 1, 3), 0.03), ["scale"], np.ones((2, 1), dtype=bool))
+    >>> table.largest(), table.total().round(4).tolist()
+    ('scale', [[0.0316, 0.0316, 0.0316]])
     """
     parts = {source: np.zeros((*seen.shape, 3)) for source in SOURCES}
     for source, part in variance.items():
@@ -42,12 +47,12 @@ def budget(
     for name, mode in zip(names, modes, strict=True):
         source = name.partition(":")[0]
         parts[source] = parts.get(source, 0.0) + np.nan_to_num(mode) ** 2
-    shown = {source: part * seen[..., None] for source, part in parts.items()}
+    visible = {source: part * seen[..., None] for source, part in parts.items()}
     count = np.maximum(seen.sum(axis=0), 1)[:, None]
     return Budget(
-        tuple(shown),
-        np.array([np.sqrt(np.maximum(part.sum(axis=0), 0.0) / count) for part in shown.values()]),
-        np.array([np.sqrt(np.maximum(part.max(axis=0), 0.0)) for part in shown.values()]),
+        tuple(visible),
+        np.array([np.sqrt(np.maximum(part.sum(axis=0), 0.0) / count) for part in visible.values()]),
+        np.array([np.sqrt(np.maximum(part.max(axis=0), 0.0)) for part in visible.values()]),
     )
 
 

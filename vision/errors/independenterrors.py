@@ -18,7 +18,7 @@ LEAST_MOVING = 0.25  # quantile of the residual variances of marks that move: le
 
 @dataclass(frozen=True)
 class Rest:
-    """What the static film tells."""
+    """Noise of the static film, by its origin."""
 
     noise: NoiseModel
     frame_variance: float  # mm2, noise of one frame mark's centre in each axis
@@ -52,10 +52,10 @@ def at_rest(noise: NoiseModel, plane: Plane, place: Array) -> Rest:
 
 def _px2_per_mm2(plane: Plane) -> float:
     """Mean area scale of the homographies at the frame marks."""
-    known = plane.homography[np.isfinite(plane.homography[:, 0, 0])]
+    finite = plane.homography[np.isfinite(plane.homography[:, 0, 0])]
     x = np.column_stack([plane.nominal, np.ones(len(plane.nominal))])
-    depth = np.einsum("tj,fj->tf", known[:, 2], x)
-    return float(np.mean(np.abs(np.linalg.det(known))[:, None] / np.abs(depth) ** 3))
+    depth = np.einsum("tj,fj->tf", finite[:, 2], x)
+    return float(np.mean(np.abs(np.linalg.det(finite))[:, None] / np.abs(depth) ** 3))
 
 
 def independent(
@@ -72,30 +72,31 @@ def independent(
     share = np.where(seen, worse[:, frame], 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
     unit = np.diagonal(place_noise(plane, np.nan_to_num(place)), axis1=2, axis2=3)
     static = rest.noise.sd[:, [0, 2]] ** 2
-    own = np.maximum(static - rest.homography, OWN * static)
+    of_mark = np.maximum(static - rest.homography, OWN * static)
     now = rest.pixel_variance * share[:, None, None] * unit
     parts = {
         "static": np.broadcast_to(static - rest.common, now.shape),
         "jitter": np.broadcast_to(rest.common, now.shape),
-        "homography": np.maximum(now - rest.homography, own - static),
-        "blur": (worse[:, points, None] - 1.0) * own,
+        "homography": np.maximum(now - rest.homography, of_mark - static),
+        "blur": (worse[:, points, None] - 1.0) * of_mark,
     }
     return {source: with_y(np.asarray(part)) for source, part in parts.items()}
 
 
 def by_hand(parts: dict[str, Array], film: Followed, plane: Plane, points: list[int]) -> dict[str, Array]:
-    """The parts with that of places clicked by a person, mm2: their sd in px in the usual scale of the plane,
-    in place of the misfit that such a place has none of."""
+    """The variances with a part for places clicked by a person, mm2: their sd in px in the usual scale of the
+    plane, in place of the misfit that such a place has none of."""
     clicked = (film.method[:, points] == Method.BY_HAND)[..., None]
     if not clicked.any():
         return parts
     size = 0.5 * np.trace(film.covariance[:, points], axis1=2, axis2=3) / _px2_per_mm2(plane)
-    own = np.where(clicked, size[..., None], 0.0) * (1.0, np.nan, 1.0)
-    return {**parts, "blur": np.where(clicked & np.isfinite(own), 0.0, parts["blur"]), "by_hand": own}
+    variance = np.where(clicked, size[..., None], 0.0) * (1.0, np.nan, 1.0)
+    blur = np.where(clicked & np.isfinite(variance), 0.0, parts["blur"])
+    return {**parts, "blur": blur, "by_hand": variance}
 
 
 def misfit(followed: Followed) -> Array:
-    """How many times its usual variance a patch's fit states (t,m), from the residual; 1 where it is usual.
+    """Ratio (t,m) of a patch's residual variance to its median over the film; 1 where it is normal.
 
     Blur, glare and what covers a part of a mark leave a residual. Usual is the median over the film: coding
     leaves two to three times more in some frames than in others, which the codec's term has. ECC and corners
@@ -108,7 +109,7 @@ def misfit(followed: Followed) -> Array:
     usual = np.array([np.median(x[s]) if s.any() else np.nan for x, s in zip(size.T, plain.T, strict=True)])
     moving = size[plain & (states(followed.ideal) != REST)]
     usual = np.fmax(usual, np.quantile(moving, LEAST_MOVING) if len(moving) else 0.0)
-    known = np.isfinite(usual) & (usual > 0.0)
-    others = np.median(usual[known]) if known.any() else np.inf
-    ratio = size / np.where(known, usual, others)
+    finite = np.isfinite(usual) & (usual > 0.0)
+    others = np.median(usual[finite]) if finite.any() else np.inf
+    ratio = size / np.where(finite, usual, others)
     return np.where(ratio > CLEARLY, ratio, 1.0) * followed.growth

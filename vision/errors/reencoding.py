@@ -1,4 +1,4 @@
-"""What coding does to the marks' places, seen by coding the film's own frames once more."""
+"""Error of lossy coding in the marks' places, from the film's own frames coded once more."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -63,15 +63,15 @@ def coded_again(
     if coding.lossless:
         return []
     level = None
-    for first in windows(followed.ideal, state, points):
-        window = slice(first, min(first + WINDOW, len(followed.ideal)))
+    for start in windows(followed.ideal, state, points):
+        window = slice(start, min(start + WINDOW, len(followed.ideal)))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "again.mp4"  # to open an mkv takes four times as long
             level, ratio = _matched(film, coding, window, level, path)
             again = np.array(list(_followed_again(path, follower, followed, window, progress)))
-        own = moved_by(centres(again, follower.centre), followed.ideal[window], plane, frame, points)
-        kept = _inner(len(own))
-        result.append(Again(window, own[kept], state[window][kept, points], level, ratio))
+        shift = moved_by(centres(again, follower.centre), followed.ideal[window], plane, frame, points)
+        inner = _inner(len(shift))
+        result.append(Again(window, shift[inner], state[window][inner, points], level, ratio))
     return result
 
 
@@ -113,13 +113,13 @@ def windows(ideal: Array, state: NDArray[np.int8], points: Sequence[int]) -> lis
 
     ideal: (t,m,2) px.   state: (t,m).
     """
-    first = _fastest(ideal)
+    fastest = _fastest(ideal)
     if len(ideal) <= WINDOW:
-        return [first]
+        return [fastest]
     slow = ((state[:, points] != 0) & (state[:, points] != 2)).sum(axis=1)
     count = np.convolve(slow, np.ones(WINDOW, int), mode="valid")
-    count = np.where(np.abs(np.arange(len(count)) - first) < WINDOW, 0, count)
-    return [first, int(np.argmax(count))] if count.max() > 0 else [first]
+    count = np.where(np.abs(np.arange(len(count)) - fastest) < WINDOW, 0, count)
+    return [fastest, int(np.argmax(count))] if count.max() > 0 else [fastest]
 
 
 def _fastest(ideal: Array) -> int:
@@ -138,9 +138,9 @@ def _matched(
     """
     # Kept in memory: a film is decoded from the last key frame before the window.
     pictures = [image for _, _, image in film.frames(window.start, window.stop)]
-    left = _noise_left(pictures)
-    coding = replace(coding, grain=left > KEPT_GREY)
-    _disturb(pictures, float(np.sqrt(max(CAMERA_GREY**2 - left**2, 0.0))), seed=window.start)
+    noise = _noise_left(pictures)
+    coding = replace(coding, grain=noise > KEPT_GREY)
+    _disturb(pictures, float(np.sqrt(max(CAMERA_GREY**2 - noise**2, 0.0))), seed=window.start)
     if level is None:
         start = slice(window.start, min(window.start + SEARCHED, window.stop))
         level = _searched(lambda tried: _coded(pictures[:SEARCHED], coding, start, tried, path), START)
@@ -181,8 +181,8 @@ def _coded(pictures: Sequence[Image], coding: Coding, window: slice, level: floa
         for image in pictures:
             writer.add(image)
     again = Video(path).coding()
-    wanted = _bytes(coding.size[window], coding.key[window])
-    return float(np.log2(max(_bytes(again.size, again.key), 1) / max(wanted, 1)))
+    target = _bytes(coding.size[window], coding.key[window])
+    return float(np.log2(max(_bytes(again.size, again.key), 1) / max(target, 1)))
 
 
 def _inner(count: int) -> slice:
@@ -227,8 +227,8 @@ def _noise_left(pictures: Sequence[Image]) -> float:
     Their differences tell the noise; what moves are few of the pixels. In whole grey levels their median is
     too coarse: the mean square of all that are no larger than noise is taken.
     """
-    first = [image[::4, ::4].astype(np.float32) for image in pictures[:4]]
-    steps = [b - a for a, b in pairwise(first)]
+    sparse = [image[::4, ::4].astype(np.float32) for image in pictures[:4]]
+    steps = [b - a for a, b in pairwise(sparse)]
     power = [float(np.mean(step[np.abs(step) < 4.0 * CAMERA_GREY] ** 2)) for step in steps]
     return float(np.sqrt(0.5 * np.median(power))) if power else 0.0
 
@@ -239,10 +239,10 @@ def _followed_again(
     """Warps (p,3,3) in each frame of the window after one more pass of the codec."""
     count = window.stop - window.start
     for index, _, image in Video(path).frames(0, count):
-        at = window.start + index
-        plain = ~np.isin(followed.method[at], COARSE)[:, None, None]
-        adjusted = followed.method[at] == Method.ADJUSTED
-        yield _laid(image, follower, np.where(plain, followed.warp[at], np.nan), adjusted)
+        frame = window.start + index
+        plain = ~np.isin(followed.method[frame], COARSE)[:, None, None]
+        adjusted = followed.method[frame] == Method.ADJUSTED
+        yield _laid(image, follower, np.where(plain, followed.warp[frame], np.nan), adjusted)
         if progress is not None:
             progress("codec", index + 1, count)
 
@@ -269,6 +269,6 @@ def _laid(image: Image, follower: Follower, warp: Array, adjusted: NDArray[np.bo
         image, lens, follower.templates, follower.spectra, rows[soft], start=result[marks[soft]],
         usual=follower.usual[rows[soft]], match=match[soft], grey=grey[soft],
     )  # fmt: skip
-    for p, found in zip(marks[soft], each, strict=True):
-        result[p] = np.nan if found is None else found.warp
+    for p, fit in zip(marks[soft], each, strict=True):
+        result[p] = np.nan if fit is None else fit.warp
     return result

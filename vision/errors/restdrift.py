@@ -1,4 +1,4 @@
-"""Whether marks that should be at rest are: a trend, a drift or a jump in their places, against the noise."""
+"""Trend, drift or jump in the places of marks that should be at rest, against the noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Unrest:
 
 
 def unrest(place: Array, names: Sequence[str]) -> Unrest | None:
-    """What moves clearly in places (t,p,2) mm that should be at rest; None where nothing does.
+    """The mark that clearly moves most in places (t,p,2) mm that should be at rest; None where nothing does.
 
     The time is cut into parts. The range of their means is compared with the noise from frame to frame, which
     a slow motion hardly touches. What is clear and below 0.03 mm is no matter, nor is a corner that is found
@@ -44,14 +44,14 @@ def unrest(place: Array, names: Sequence[str]) -> Unrest | None:
     noise = _noise(place)
     worst: Unrest | None = None
     for p, name in enumerate(names):
-        shown = counts[:, p] >= FEW
-        if shown.sum() < 2:
+        enough = counts[:, p] >= FEW
+        if enough.sum() < 2:
             continue
-        apart = np.linalg.norm(means[shown, p][:, None] - means[shown, p][None], axis=-1)
-        mm, sd = float(apart.max()), noise[p] * np.sqrt(2.0 / counts[shown, p].min())
+        apart = np.linalg.norm(means[enough, p][:, None] - means[enough, p][None], axis=-1)
+        mm, sd = float(apart.max()), noise[p] * np.sqrt(2.0 / counts[enough, p].min())
         if mm <= max(CLEAR * sd, TELL_MM) or (worst is not None and mm <= worst.mm):
             continue
-        ends = means[shown, p][list(np.unravel_index(int(apart.argmax()), apart.shape))]
+        ends = means[enough, p][list(np.unravel_index(int(apart.argmax()), apart.shape))]
         if not _flips(place[:, p], ends):
             worst = Unrest(name, mm, mm > MOST_MM)
     return worst
@@ -64,8 +64,8 @@ def check_rest(
 
     place: (t,p,2) mm during the rest.   time: (t,) s.   static: whether it is the static film.
     """
-    found = unrest(place, names)
-    if found is None:
+    drift = unrest(place, names)
+    if drift is None:
         return ()
     span = f"between {time[0]:.2f} and {time[-1]:.2f} s"
     if static:
@@ -74,34 +74,35 @@ def check_rest(
     else:
         what = "to whose mean all displacements are relative (reference_s)"
         need = "start the film before the finger moves, shorten reference_s, or cut the film to begin at rest"
-    if found.moves:
+    if drift.moves:
         raise ValueError(
-            f"{film}: the finger is not at rest {span}, {what}: marker {found.name!r} moves by "
-            f"{found.mm:.2g} mm, wanted at most {MOST_MM:g} mm; {need}"
+            f"{film}: the finger is not at rest {span}, {what}: marker {drift.name!r} moves by "
+            f"{drift.mm:.2g} mm, wanted at most {MOST_MM:g} mm; {need}"
         )
     return (
-        f"{film}: marker {found.name!r} drifts by {found.mm:.2g} mm {span}, {what}. Displacements may be "
+        f"{film}: marker {drift.name!r} drifts by {drift.mm:.2g} mm {span}, {what}. Displacements may be "
         "off by as much.",
     )
 
 
 def _flips(place: Array, ends: Array) -> bool:
-    """Whether places (t,2) mm jump to and fro between two (2,2) mm, with hardly one in between."""
-    way = ends[1] - ends[0]
-    along = ((place - ends[0]) @ way / (way @ way))[np.isfinite(place[:, 0])]
+    """True if places (t,2) mm jump to and fro between two (2,2) mm, with hardly one in between."""
+    between = ends[1] - ends[0]
+    along = ((place - ends[0]) @ between / (between @ between))[np.isfinite(place[:, 0])]
     sure = along[np.abs(along - 0.5) > BETWEEN]
     turns = int(np.count_nonzero(np.diff(sure > 0.5)))
     return turns >= TURNS and len(along) - len(sure) < RARE * len(along)
 
 
 def _noise(place: Array) -> Array:
-    """Sd (p,) mm of a place from what is new in a frame; a steady motion is the same in all of them."""
+    """Sd (p,) mm of a place from its changes from frame to frame, less their median, which a steady motion
+    has."""
     steps = np.diff(place, axis=0)
     sd = np.zeros(place.shape[1])
     for p in range(place.shape[1]):
-        own = steps[np.isfinite(steps[:, p, 0]), p]
-        if len(own):
-            away = np.linalg.norm(own - np.median(own, axis=0), axis=1)
+        of_mark = steps[np.isfinite(steps[:, p, 0]), p]
+        if len(of_mark):
+            away = np.linalg.norm(of_mark - np.median(of_mark, axis=0), axis=1)
             # The median distance of a normal scatter in two axes is 1.177 sd; a step has two places.
             sd[p] = np.median(away) / 1.177 / np.sqrt(2.0)
     return sd

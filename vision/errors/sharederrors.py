@@ -30,7 +30,7 @@ UNLIKELY = 0.001  # chance below which residuals contradict what is stated
 
 @dataclass(frozen=True)
 class Stated:
-    """How well the rig is known, 1 sd each."""
+    """Stated accuracy of the rig, 1 sd each."""
 
     placement_mm: float = 0.3  # mm, a finger mark's centre from its nominal place, each axis
     scale: float = 0.001  # relative, all lengths together
@@ -41,7 +41,11 @@ class Stated:
 
 
 def scale(value: Array, sd: float) -> Named:
-    """All lengths wrong by one factor: displacements (s,p,3) mm times its sd."""
+    """All lengths wrong by one factor: displacements (s,p,3) mm times its sd.
+
+    >>> scale(np.array([[[10.0, 0.0, -20.0]]]), 0.001)
+    {'scale': array([[[ 0.01,  0.  , -0.02]]])}
+    """
     return {"scale": value * sd}
 
 
@@ -147,10 +151,10 @@ def codec(
     slow = (state != FAST) & (state != PASSING) & (np.nan_to_num(extra) > 0).any(axis=2)
     share = np.select([state == CREEP, state == SHAKEN], [CREEP_SHARED, shaken_shared], 1.0)
     runs = [(stop - start, p, start) for p in range(slow.shape[1]) for start, stop in _runs(slow[:, p])]
-    modes, left = {}, extra.copy()
+    modes, independent_sd = {}, extra.copy()
     for count, (length, p, start) in enumerate(sorted(runs, reverse=True)[:MAX_HOLDS]):
         frames = slice(start, start + length)
-        left[frames, p] *= np.sqrt(1.0 - share[frames, p])[:, None]
+        independent_sd[frames, p] *= np.sqrt(1.0 - share[frames, p])[:, None]
         shared = extra[frames, p] * np.sqrt(share[frames, p])[:, None]
         for component in np.flatnonzero((np.nan_to_num(shared) > 0).any(axis=0)):
             mode = np.zeros(extra.shape)
@@ -163,11 +167,11 @@ def codec(
                 late[frames] *= ramp / np.sqrt(np.mean(ramp**2))
                 modes[f"{name}:drift"] = late
     few = len(runs) - MAX_HOLDS
-    said = (
+    sentence = (
         f"Video compression leaves a constant error while a marker rests ({len(runs)} rests). The "
         f"{MAX_HOLDS} longest are modelled; for the {few} shortest, averages look more precise than they are."
     )
-    return modes, left, (said,) if few > 0 else ()
+    return modes, independent_sd, (sentence,) if few > 0 else ()
 
 
 def _runs(held: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -194,14 +198,15 @@ def orthogonal(fields: Array) -> list[Array]:
     """The few orthogonal fields (s,p,3) mm that together are as large as many (n,s,p,2), largest first."""
     flat = fields.reshape(len(fields), -1)
     power, turn = np.linalg.eigh(flat @ flat.T)
-    kept = [k for k in np.argsort(power)[::-1] if power[k] > ROUNDING * max(power[-1], 1e-30)]
-    return [_with_zero_y(field) for field in (flat.T @ turn[:, kept]).T.reshape(-1, *fields.shape[1:])]
+    rows = [k for k in np.argsort(power)[::-1] if power[k] > ROUNDING * max(power[-1], 1e-30)]
+    return [_with_zero_y(field) for field in (flat.T @ turn[:, rows]).T.reshape(-1, *fields.shape[1:])]
 
 
 def frame_sd(
-    misfit: Array, names: Sequence[str], stated: float, *, fitted: int, noise: float = 0.0, advice: str = ""
-) -> tuple[float, tuple[str, ...]]:
-    """How far frame marks are off their nominal places, mm: as stated, or what their misfit shows if more.
+    misfit: Array, names: Sequence[str], nominal_sd: float, *,
+    fitted: int, noise: float = 0.0, advice: str = "",
+) -> tuple[float, tuple[str, ...]]:  # fmt: skip
+    """Sd in mm of frame marks about their nominal places: as stated, or from their misfit where that is more.
 
     misfit: (f,2) or (f,3) mm, what is left of them after the fit of `fitted` numbers (8 of a homography, 6 of
     a rigid motion), which takes up as many of their degrees of freedom; NaN for marks never seen.
@@ -209,12 +214,12 @@ def frame_sd(
     """
     seen, power = np.isfinite(misfit[:, 0]), np.nan_to_num(misfit**2).sum(axis=1)
     free = int(seen.sum()) * misfit.shape[1] - fitted
-    if free < 1 or chi2.sf(power.sum() / (stated**2 + noise), free) > UNLIKELY:
-        return stated, ()
-    found = float(np.sqrt(power.sum() / free - noise))
-    return found, (
-        f"The frame markers are {found:.3f} mm off their stated places, {names[int(np.argmax(power))]!r} "
-        f"most; stated is {stated:g} mm (frame_sd_mm). {found:.3f} mm is used: measure their places "
+    if free < 1 or chi2.sf(power.sum() / (nominal_sd**2 + noise), free) > UNLIKELY:
+        return nominal_sd, ()
+    estimate = float(np.sqrt(power.sum() / free - noise))
+    return estimate, (
+        f"The frame markers are {estimate:.3f} mm off their stated places, {names[int(np.argmax(power))]!r} "
+        f"most; stated is {nominal_sd:g} mm (frame_sd_mm). {estimate:.3f} mm is used: measure their places "
         f"again{advice}.",
     )
 
@@ -224,6 +229,10 @@ def sync(time: Array, value: Array, sd_s: float) -> Array:
 
     time: (s,) s, increasing.   value: (s,p,3) mm; where a mark is lost its velocity is that of the steps
     round the gap.
+
+    >>> value = np.array([[[0.0, 0, 0]], [[0.0, 0, -1.0]], [[0.0, 0, -2.0]]])  # 10 mm/s
+    >>> sync(np.array([0.0, 0.1, 0.2]), value, 0.005)[1, 0]  # a clock that is 5 ms off
+    array([ 0.  ,  0.  , -0.05])
     """
     result = np.zeros(value.shape)
     for p in range(value.shape[1]):

@@ -23,7 +23,7 @@ FAST_PX = 1.0  # px: a patch that is farther off, or moves by more in a frame, i
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseModel:
-    """How measured places scatter; component 1 (y) is not observed: NaN, identity in the correlation."""
+    """Scatter of measured places; component 1 (y) is not observed: NaN, identity in the correlation."""
 
     sd: Array  # (p,3) mm, at rest
     rho: Array  # (p,3) correlation from frame to frame of what lasts, 0 to 0.98
@@ -56,33 +56,33 @@ def static_noise(
             f"wanted {MIN_STATIC}: film the markers at rest for longer"
         )
     error = np.concatenate([place[part][:, enough] - mean_seen(place[part][:, enough]) for part in parts])
-    found = persistence_of(error.reshape(len(error), -1))
-    new = innovations(error, found.first)
+    persistence = persistence_of(error.reshape(len(error), -1))
+    new = innovations(error, persistence.first)
     sd = np.zeros((len(names), place.shape[-1]))
-    sd[enough] = _level(error, new, found)
+    sd[enough] = _level(error, new, persistence)
     sd[~enough] = sd.max(axis=0)
     # As large as the errors themselves, and like them in what the points share.
     new = new * (sd[enough] / np.sqrt(np.maximum(_power(new), LEAST_MM**2)))
-    whole = with_y if place.shape[-1] == 2 else np.asarray
+    to_xyz = with_y if place.shape[-1] == 2 else np.asarray
     shared = np.sqrt(np.maximum(common(new), 0.0))
     return NoiseModel(
-        sd=whole(sd),
-        rho=whole(np.full(sd.shape, found.rho)),
+        sd=to_xyz(sd),
+        rho=to_xyz(np.full(sd.shape, persistence.rho)),
         correlation=_correlation(np.nan_to_num(new), enough),
         frames=int(np.isfinite(place[:, enough, 0]).all(axis=1).sum()),
         codec_sd=np.zeros((len(names), 3)),
-        common_sd=np.nan_to_num(whole(shared)),
-        persistence=found,
+        common_sd=np.nan_to_num(to_xyz(shared)),
+        persistence=persistence,
     )
 
 
-def _level(error: Array, new: Array, found: Persistence) -> Array:
+def _level(error: Array, new: Array, persistence: Persistence) -> Array:
     """Sd (p,c) mm of errors (t,p,c) from what is new in every frame of them (t-1,p,c) and their memory."""
     count = np.isfinite(error).sum(axis=0)
-    own = np.maximum(_power(error), LEAST_MM**2) * count / (count - 1)
-    told = np.maximum(_power(new), LEAST_MM**2) * found.total * count / (count - 1)
-    spread = np.sqrt(2.0 / found.independent(len(error)))
-    return np.asarray(np.sqrt(np.maximum(told, own / (1.0 + SURE * spread))))
+    variance = np.maximum(_power(error), LEAST_MM**2) * count / (count - 1)
+    from_new = np.maximum(_power(new), LEAST_MM**2) * persistence.total * count / (count - 1)
+    spread = np.sqrt(2.0 / persistence.independent(len(error)))
+    return np.asarray(np.sqrt(np.maximum(from_new, variance / (1.0 + SURE * spread))))
 
 
 def _power(error: Array) -> Array:
@@ -94,6 +94,10 @@ def common(place: Array) -> Array:
     """Mean covariance (c,) mm2 of two different points' places (t,p,c) at rest: of what all of them share.
 
     It is 0, give or take s^2 (2 / (t p (p - 1)))^1/2, where points err by s each on its own.
+
+    >>> shake = np.array([-1.0, 1.0, -1.0, 1.0])[:, None, None]  # mm, alike in three points
+    >>> common(np.tile(shake, (1, 3, 2)))
+    array([1., 1.])
     """
     seen = np.isfinite(place[..., 0])
     error = np.nan_to_num(place - mean_seen(place))
@@ -119,10 +123,10 @@ def with_y(xz: Array) -> Array:
     return np.stack([xz[..., 0], np.full(xz.shape[:-1], np.nan), xz[..., 1]], axis=-1)
 
 
-def _correlation(error: Array, known: NDArray[np.bool_]) -> Array:
+def _correlation(error: Array, enough: NDArray[np.bool_]) -> Array:
     """Correlation (3p,3p) from errors (t,k,2|3) of the k known points of p; identity elsewhere."""
-    full = np.eye(3 * len(known))
-    rows = np.flatnonzero((known[:, None] & [True, error.shape[2] == 3, True]).ravel())
+    full = np.eye(3 * len(enough))
+    rows = np.flatnonzero((enough[:, None] & [True, error.shape[2] == 3, True]).ravel())
     full[np.ix_(rows, rows)] = np.corrcoef(error.reshape(len(error), -1), rowvar=False)
     return full
 
@@ -139,8 +143,13 @@ def thinned_noise(noise: NoiseModel, frames: int, steps: int) -> NoiseModel:
 
 
 def states(ideal: Array) -> NDArray[np.int8]:
-    """What patches with centres (t,p,2) px do in each frame (t,p): 0 rest, 1 creep on and on, 2 move fast,
-    3 are shaken, as by a regulator's ripple, or about to move or to stop, 4 go slowly to another place."""
+    """States (t,p) of patches with centres (t,p,2) px: 0 rest, 1 creep on and on, 2 move fast, 3 are shaken,
+    as by a regulator's ripple, or about to move or to stop, 4 go slowly to another place.
+
+    >>> place = np.clip(2.0 * np.arange(60.0) - 40.0, 0.0, 40.0)  # px: at rest, 2 px a frame, at rest
+    >>> states(np.stack([place, 0.0 * place], axis=1)[:, None])[[12, 18, 30, 44, 55], 0]
+    array([0, 4, 2, 3, 0], dtype=int8)
+    """
     speed = _moved(ideal, -1, 0)
     # A patch that a regulator's ripple shakes rests in no frame between two of its moves.
     shaken = maximum_filter1d((speed > DRIFT_PX).astype(np.int8), 2 * BETWEEN + 1, axis=0) > 0
@@ -161,7 +170,7 @@ def _drift(ideal: Array) -> Array:
 
 
 def _passing(ideal: Array) -> NDArray[np.bool_]:
-    """Where (t,p) the BETWEEN frames before and those after lie more than a pixel apart in their mean, so
+    """Mask (t,p): the BETWEEN frames before and those after lie more than a pixel apart in their mean, so
     that coding draws a new picture, with another error."""
     mean = uniform_filter1d(ideal, BETWEEN, axis=0, mode="nearest")
     half = (BETWEEN + 1) // 2

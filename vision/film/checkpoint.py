@@ -1,4 +1,4 @@
-"""What every frame shows, kept on the way, so that a killed run never follows a frame twice."""
+"""A walk over all frames of a film that keeps its rows, so that a killed run never follows a frame twice."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
@@ -18,7 +18,7 @@ Progress = Callable[[str, int, int], None]
 
 
 class Keeper(Protocol):
-    """Where a run keeps named arrays: each written whole or not at all."""
+    """Store of a run's named arrays: each written whole or not at all."""
 
     def load(self, name: str) -> Mapping[str, NDArray[Any]] | None:
         """The arrays of that name, None where there are none."""
@@ -66,10 +66,10 @@ def _restored(keeper: Keeper | None, stage: str, state: State) -> tuple[list[Row
     """Rows of all parts that are kept, the state after them, and the number of parts."""
     rows: list[Row] = []
     part = 0
-    while keeper is not None and (found := keeper.load(f"{stage}-{part:04d}")) is not None:
-        columns = [found[f"row{k}"] for k in range(sum(name.startswith("row") for name in found))]
+    while keeper is not None and (arrays := keeper.load(f"{stage}-{part:04d}")) is not None:
+        columns = [arrays[f"row{k}"] for k in range(sum(name.startswith("row") for name in arrays))]
         rows += zip(*columns, strict=True)
-        state, part = _like(state, found), part + 1
+        state, part = _like(state, arrays), part + 1
     return rows, state, part
 
 
@@ -81,10 +81,10 @@ def _arrays(state: Any, name: str = "state") -> dict[str, NDArray[Any]]:
     return {key: array for part in parts for key, array in part.items()}
 
 
-def _like(state: Any, found: Mapping[str, NDArray[Any]], name: str = "state") -> Any:
-    """A state of the same kind from its arrays."""
+def _like(state: Any, arrays: Mapping[str, NDArray[Any]], name: str = "state") -> Any:
+    """A state like this one from its arrays."""
     if not is_dataclass(state):
-        return found[name]
-    parts = {f.name: _like(getattr(state, f.name), found, f"{name}_{f.name}") for f in fields(state)}
+        return arrays[name]
+    parts = {f.name: _like(getattr(state, f.name), arrays, f"{name}_{f.name}") for f in fields(state)}
     kind: Any = type(state)
     return kind(**parts)

@@ -13,7 +13,7 @@ Item = TypeVar("Item")
 
 
 def ahead(items: Iterator[Item]) -> Iterator[Item]:
-    """The same items in the same order, made in a thread of their own while the last ones are used.
+    """The items in their order, made in a thread of their own while the last ones are used.
 
     What the source raises is raised here, in its turn. The thread ends with the iteration, or its break.
     """
@@ -56,7 +56,7 @@ def _raised(error: BaseException) -> NoReturn:
 
 
 def _put(waiting: "Queue[Callable[[], Item]]", item: Callable[[], Item], unwanted: Event) -> bool:
-    """Whether the item was taken before it became unwanted."""
+    """True if the item was taken before it became unwanted."""
     while not unwanted.is_set():
         try:
             waiting.put(item, timeout=PATIENCE)

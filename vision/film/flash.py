@@ -40,14 +40,14 @@ def _onset(time: Array, light: Array, name: str) -> tuple[float, float]:
             f"film {name} shows no lamp going on in the flash region: light there is {low:.0f} to {high:.0f} "
             f"grey levels, wanted dark frames at the start and a rise of {MIN_RISE:g}; check the region"
         )
-    first = int(above[0])
+    lit_frame = int(above[0])
     # The frame before may hold a little of the light already.
-    dark = light[: max(first - 1, 1)]
+    dark = light[: max(lit_frame - 1, 1)]
     base, noise = float(np.median(dark)), float(np.std(dark)) if len(dark) > 2 else 1.0
-    after = light[first + 1 : first + 3]
+    after = light[lit_frame + 1 : lit_frame + 3]
     lit = float(after.max()) if len(after) else float(high)
-    shares = np.clip((light[[first - 1, first]] - base) / max(lit - base, 1e-9), 0.0, 1.0)
-    frame, share = (first - 1, shares[0]) if shares[0] > PARTLY[0] else (first, shares[1])
+    shares = np.clip((light[[lit_frame - 1, lit_frame]] - base) / max(lit - base, 1e-9), 0.0, 1.0)
+    frame, share = (lit_frame - 1, shares[0]) if shares[0] > PARTLY[0] else (lit_frame, shares[1])
     step = float(time[frame] - time[frame - 1]) if frame else float(time[1] - time[0])
     onset = float(time[frame]) + (0.5 - float(share)) * step
     spread = abs(1.0 - 2.0 * share) if PARTLY[0] < share < PARTLY[1] else 1.0

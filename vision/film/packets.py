@@ -1,4 +1,4 @@
-"""How a film was coded, as its own packets tell it: coder, B-frames, key frames, bytes of every frame.
+"""Coding of a film, as its own packets tell it: coder, B-frames, key frames, bytes of every frame.
 
 Encoders may leave a note of their settings in the file. Phones leave none, so none is read.
 """
@@ -24,7 +24,7 @@ SAME_BITS = "asm=avx2" if cv2.checkHardwareSupport(AVX_512) else ""
 
 @dataclass(frozen=True)
 class Coding:
-    """How a film was coded; frames in the order they are shown."""
+    """Coding of a film; frames in the order they are shown."""
 
     codec: str  # as FFmpeg calls its decoder
     size: NDArray[np.intp]  # (t,) bytes
@@ -36,7 +36,7 @@ class Coding:
 
     @property
     def lossless(self) -> bool:
-        """Whether every frame is as the camera gave it."""
+        """True if every frame is as the camera gave it."""
         return self.codec in LOSSLESS
 
     @property
@@ -47,7 +47,7 @@ class Coding:
 
     @property
     def live(self) -> bool:
-        """Whether key frames stand in even steps of 2 s or less: coded while it was filmed, as phones do."""
+        """True if key frames stand in even steps of 2 s or less: coded while it was filmed, as phones do."""
         steps = np.diff(np.flatnonzero(self.key))
         return len(steps) > 0 and int(np.ptp(steps)) <= 1 and self.every <= LIVE_S * self.fps + 1
 
@@ -60,13 +60,13 @@ class Coding:
         preset = "ultrafast" if self.simple else "fast" if self.live else "medium"
         common = {"crf": f"{level:.2f}", "preset": preset}
         if self.codec == "hevc":
-            told = f"bframes={self.between}:keyint={self.every}:log-level=error"
+            x265 = f"bframes={self.between}:keyint={self.every}:log-level=error"
             plain = ":scenecut=0" if self.live else ""
-            return "libx265", {**common, "x265-params": told + plain}
+            return "libx265", {**common, "x265-params": x265 + plain}
         plain = "scenecut=0:mbtree=0:aq-mode=0:psy=0:weightp=0" if self.live else SAME_BITS
-        own = {"bf": str(self.between), "g": str(self.every), "x264-params": plain}
+        x264 = {"bf": str(self.between), "g": str(self.every), "x264-params": plain}
         tune = {"tune": "grain"} if self.grain and not self.live else {}
-        return "libx264", {**common, **tune, **own}
+        return "libx264", {**common, **tune, **x264}
 
     def described(self) -> str:
         """One clause for the user: coder, B-frames, key frames, size of a frame."""
@@ -80,7 +80,7 @@ class Coding:
 
 
 def is_simple(codec: str, profile: str | None) -> bool:
-    """Whether a coder had few means: H.264 in its Baseline profile, as of webcams, or an older kind.
+    """True for a coder with few means: H.264 in its Baseline profile, as of webcams, or an older kind.
 
     At the same bytes these err about twice as much in what moves; x264 in haste errs as they do.
     """
@@ -91,6 +91,9 @@ def longest_between(stamps: Sequence[int]) -> int:
     """B-frames in a row, at most, from the display times of the packets in the file's order.
 
     A packet that is shown before one that stands in front of it is a B-frame, which refers to later frames.
+
+    >>> longest_between([0, 3, 1, 2, 6, 4, 5])  # the frames shown as 1 and 2 refer to 3
+    2
     """
     newest, run, longest = -np.inf, 0, 0
     for stamp in stamps:

@@ -1,4 +1,4 @@
-"""What is wrong with a picture: dark, overexposed, without contrast, blurred, or that before it once more."""
+"""Faults of a picture: dark, overexposed, without contrast, blurred, interlaced, or repeated."""
 
 import cv2
 import numpy as np
@@ -19,7 +19,11 @@ MOVES_PX = 0.3  # between the pictures on either side; at rest a repeated pictur
 
 
 def picture_trouble(picture: Image) -> str:
-    """What is wrong with a grey picture (h,w), as one clause; "" where nothing is."""
+    """The fault of a grey picture (h,w), as one clause; "" where there is none.
+
+    >>> picture_trouble(np.full((40, 60), 20, np.uint8)).partition(":")[0]
+    'the picture is dark'
+    """
     low, high = np.percentile(picture, (1.0, 99.0))
     if high < DARK:
         return (f"the picture is dark: its brightest hundredth has the grey level {high:.0f} of 255; use "
@@ -45,8 +49,8 @@ def edge_sd(picture: Image) -> float:
     calm = np.asarray(cv2.GaussianBlur(grey, (0, 0), NOISE_PX), np.float32)  # noise has slopes too
     again = np.asarray(cv2.GaussianBlur(calm, (0, 0), MORE_PX), np.float32)
     falls = min(_steepest(again) / max(_steepest(calm), 1e-6), 0.999)
-    whole = MORE_PX * falls / np.sqrt(1.0 - falls**2)
-    return float(np.sqrt(max(whole**2 - NOISE_PX**2, 0.0)))
+    total = MORE_PX * falls / np.sqrt(1.0 - falls**2)
+    return float(np.sqrt(max(total**2 - NOISE_PX**2, 0.0)))
 
 
 def _steepest(grey: NDArray[np.float32]) -> float:
@@ -112,6 +116,6 @@ def stale(same: NDArray[np.bool_], ideal: Array) -> NDArray[np.bool_]:
     if not len(fresh):
         return np.zeros(len(same), dtype=bool)
     later = np.searchsorted(fresh, np.arange(len(same)), side="right")
-    own, after = fresh[np.maximum(later - 1, 0)], fresh[np.minimum(later, len(fresh) - 1)]
-    step = np.nan_to_num(np.hypot(*np.moveaxis(ideal[after] - ideal[own], -1, 0)))
+    latest, after = fresh[np.maximum(later - 1, 0)], fresh[np.minimum(later, len(fresh) - 1)]
+    step = np.nan_to_num(np.hypot(*np.moveaxis(ideal[after] - ideal[latest], -1, 0)))
     return np.asarray(same & (step.max(axis=1) > MOVES_PX))

@@ -30,8 +30,8 @@ class Pictures(Video):
         self.path, self.mirrored = Path(path), mirrored
         self.files = _pictures(self.path)
         self.time = _times(self.files[0].parent, self.files, fps)
-        first = _read(self.files[0])
-        self.height, self.width = first.shape
+        picture = _read(self.files[0])
+        self.height, self.width = picture.shape
         self.turns = 0
         self.issues = stamp_issues(self.path.name, self.time, 0, 0)
 
@@ -44,8 +44,8 @@ class Pictures(Video):
                     f"picture {file} has {picture.shape[1]} x {picture.shape[0]} px, "
                     f"{self.files[0].name} has {self.width} x {self.height}: wanted one size in {self.path}"
                 )
-            shown = np.ascontiguousarray(picture[:, ::-1]) if self.mirrored else picture
-            yield index, float(self.time[index]), shown
+            oriented = np.ascontiguousarray(picture[:, ::-1]) if self.mirrored else picture
+            yield index, float(self.time[index]), oriented
 
     def coding(self) -> Coding:
         """mjpeg for JPEG, else png; every picture is coded on its own."""
@@ -67,7 +67,11 @@ def open_film(path: Path | str, *, fps: float | None = None, mirrored: bool = Fa
 
 
 def is_pattern(path: Path | str) -> bool:
-    """Whether a path stands for many files: its name has one of * ? [ and no file is called so."""
+    """True if a path stands for many files: its name has one of * ? [ and no file is called so.
+
+    >>> is_pattern("raw/film-*.png"), is_pattern("raw/film.mp4")
+    (True, False)
+    """
     return any(c in Path(path).name for c in "*?[") and not Path(path).exists()
 
 
@@ -77,12 +81,12 @@ def _pictures(path: Path) -> tuple[Path, ...]:
     if not folder.is_dir():
         raise ValueError(f"film {folder} does not exist: give a video file or a folder of pictures")
     every = folder.glob(path.name) if pattern else folder.iterdir()
-    found = [p for p in every if p.suffix.lower() in SUFFIXES]
-    if not found:
+    files = [p for p in every if p.suffix.lower() in SUFFIXES]
+    if not files:
         raise ValueError(
             f"{'pattern' if pattern else 'folder'} {path} holds no picture: wanted {', '.join(SUFFIXES)}"
         )
-    return tuple(sorted(found, key=lambda p: [int(n) for n in re.findall(r"\d+", p.stem)] or [-1]))
+    return tuple(sorted(files, key=lambda p: [int(n) for n in re.findall(r"\d+", p.stem)] or [-1]))
 
 
 def _times(folder: Path, files: Sequence[Path], fps: float | None) -> Array:
@@ -99,8 +103,8 @@ def _times(folder: Path, files: Sequence[Path], fps: float | None) -> Array:
         rows = list(csv.DictReader(file))
     try:
         if rows and "file" in rows[0]:
-            told = {row["file"]: float(row["time_s"]) for row in rows}
-            time = np.array([told[p.name] for p in files])
+            time_of = {row["file"]: float(row["time_s"]) for row in rows}
+            time = np.array([time_of[p.name] for p in files])
         else:
             time = np.array([float(row["time_s"]) for row in rows])
     except (KeyError, TypeError, ValueError) as error:

@@ -47,29 +47,29 @@ class Video:
         if not self.path.is_file():
             raise ValueError(f"film {self.path} does not exist: give the path of a video file")
         try:
-            first, stamps, backwards = self._scan()
+            frame, stamps, backwards = self._scan()
         except (av.error.FFmpegError, IndexError) as error:
             raise ValueError(
                 f"film {self.path} cannot be read as a video ({error}): "
                 "give one file that holds the film and that FFmpeg can play, for example mp4 or mkv"
             ) from error
-        self.turns = round(first.rotation / 90) % 4  # quarter turns to the left
-        size = (first.height, first.width)
+        self.turns = round(frame.rotation / 90) % 4  # quarter turns to the left
+        size = (frame.height, frame.width)
         self.height, self.width = size if self.turns % 2 == 0 else size[::-1]
         self.time: Array = np.sort(stamps)
         self._in_order = backwards > 0
         issues = stamp_issues(self.path.name, self.time, backwards, 90 * self.turns)
-        self.issues: tuple[str, ...] = (*issues, *_interlaced(self.path.name, first))
+        self.issues: tuple[str, ...] = (*issues, *_interlaced(self.path.name, frame))
 
     def _scan(self) -> tuple[VideoFrame, Array, int]:
         """First frame, time stamps (t,) s of all frames, number of them that run backwards."""
-        first = next(self._decoded(), None)
+        frame = next(self._decoded(), None)
         with opened(self.path) as container:
             stream = container.streams.video[0]
             reorders = bool(stream.codec_context.has_b_frames)
             base = float(stream.time_base or 0)
             packets = [p.pts for p in _packets(container) if p.pts is not None and not p.is_discard]
-        if first is None or not packets:
+        if frame is None or not packets:
             raise ValueError(f"film {self.path} holds no frame that can be decoded: record or copy it again")
         stamps = np.asarray(packets, dtype=np.float64)
         # Where frames refer to later ones, some containers (AVI, some MP4) hold decoding times in place of
@@ -78,15 +78,15 @@ class Video:
         if reorders and not self._tells_display_times(stamps):
             stamps = np.array([f.pts for f in self._decoded() if f.pts is not None], dtype=np.float64)
             backwards = int(np.sum(np.diff(stamps) < 0))
-        return first, stamps * base, backwards
+        return frame, stamps * base, backwards
 
     def _tells_display_times(self, stamps: Array) -> bool:
-        """Whether packets' times (t,) are those at which frames are shown: they do not increase in the file's
+        """True if packets' times (t,) are those at which frames are shown: they do not increase in the file's
         order, but do in the decoder's, as the film's first frames tell."""
         if not np.any(np.diff(stamps) < 0):
             return False
-        shown = [f.pts for f in islice(self._decoded(), TRIED) if f.pts is not None]
-        return len(shown) > 1 and bool(np.all(np.diff(shown) > 0))
+        display = [f.pts for f in islice(self._decoded(), TRIED) if f.pts is not None]
+        return len(display) > 1 and bool(np.all(np.diff(display) > 0))
 
     def _decoded(self, after: float | None = None) -> Iterator[VideoFrame]:
         """Frames in the order they are shown; a packet that cannot be decoded is passed over.
@@ -128,34 +128,35 @@ class Video:
                 picture = picture[:, ::-1] if self.mirrored else picture
                 yield index, float(self.time[index]), np.ascontiguousarray(picture)
 
-    def chosen(self, wanted: Sequence[int]) -> Iterator[tuple[int, float, Image]]:
+    def chosen(self, indices: Sequence[int]) -> Iterator[tuple[int, float, Image]]:
         """Those of the frames, indices in order, as `frames` gives them; key frames that none of them needs
         are passed over undecoded."""
-        key = np.zeros(len(wanted)) if self._in_order else np.searchsorted(self.keys(), wanted, side="right")
+        keys = np.empty(0, np.intp) if self._in_order else self.keys()
+        key = np.searchsorted(keys, indices, side="right")
         for last in np.unique(key):
-            own = [index for index, before in zip(wanted, key, strict=True) if before == last]
-            yield from (told for told in self.frames(own[0], own[-1] + 1) if told[0] in own)
+            rows = [index for index, before in zip(indices, key, strict=True) if before == last]
+            yield from (item for item in self.frames(rows[0], rows[-1] + 1) if item[0] in rows)
 
     def keys(self) -> NDArray[np.intp]:
         """Indices into `time` of the frames that the codec drew anew, without the frames before them."""
         return np.flatnonzero(self.coding().key)
 
     def coding(self) -> Coding:
-        """How the film was coded, from its packets."""
+        """Coding of the film, from its packets."""
         with opened(self.path) as container:
             stream = container.streams.video[0]
             name, base = stream.codec_context.name, float(stream.time_base or 0)
             simple = is_simple(name, stream.codec_context.profile)
-            told = [
+            packets = [
                 (p.pts, p.size, bool(p.is_keyframe)) for p in _packets(container)
                 if p.pts is not None and not p.is_discard
             ]  # fmt: skip
-        stamps = [pts for pts, _, _ in told]
-        at = np.arange(len(told))
+        stamps = [pts for pts, _, _ in packets]
+        rows = np.arange(len(packets))
         if not self._in_order:
-            at = np.searchsorted(self.time, np.array(stamps) * base - HALF_TICK)
+            rows = np.searchsorted(self.time, np.array(stamps) * base - HALF_TICK)
         size, key = np.zeros(len(self.time), np.intp), np.zeros(len(self.time), bool)
-        for index, (_, bytes_, is_key) in zip(np.minimum(at, len(self.time) - 1), told, strict=True):
+        for index, (_, bytes_, is_key) in zip(np.minimum(rows, len(self.time) - 1), packets, strict=True):
             size[index], key[index] = bytes_, key[index] | is_key
         step = np.diff(self.time)
         fps = 1.0 / float(np.median(step)) if len(step) and np.median(step) > 0 else 25.0
@@ -189,10 +190,15 @@ def _luma(frame: VideoFrame) -> Image:
 
 
 def stamp_issues(name: str, time: Array, backwards: int, rotation: int) -> tuple[str, ...]:
-    """What is wrong with time stamps (t,) s in order, and what was done about it, one sentence each."""
-    said = []
+    """Faults of time stamps (t,) s in order, and what was done about them, one sentence each.
+
+    >>> (issue,) = stamp_issues("film.mp4", np.array([0.0, 0.04, 0.08, 0.20, 0.24]), 0, 0)
+    >>> issue.partition(". ")[2]
+    'The longest gap is 0.120 s after 0.080 s, the usual step 0.0400 s.'
+    """
+    issues = []
     if backwards:
-        said.append(
+        issues.append(
             f"{name}: {backwards} time stamps run backwards. Frames keep the decoder's order and take the "
             "sorted time stamps."
         )
@@ -200,23 +206,23 @@ def stamp_issues(name: str, time: Array, backwards: int, rotation: int) -> tuple
     usual = float(np.median(step)) if len(step) else 0.0
     repeated = np.flatnonzero(step == 0)
     if len(repeated):
-        said.append(
+        issues.append(
             f"{name}: {len(repeated)} frames repeat the time stamp before them, the first at "
             f"{time[repeated[0]]:.3f} s."
         )
     gaps = np.flatnonzero(step > 1.5 * usual) if usual > 0 else np.empty(0, dtype=np.intp)
     if len(gaps):
         longest = gaps[np.argmax(step[gaps])]
-        said.append(
+        issues.append(
             f"{name}: frames are missing in {len(gaps)} places. The longest gap is {step[longest]:.3f} s "
             f"after {time[longest]:.3f} s, the usual step {usual:.4f} s."
         )
     if rotation == 180:  # by 90 degrees the sizes tell whether film and board images lie alike
-        said.append(
+        issues.append(
             f"{name}: the file asks to be turned upside down, which is done. "
             "Are the board images the same way up?"
         )
-    return tuple(said)
+    return tuple(issues)
 
 
 def _interlaced(name: str, frame: VideoFrame) -> tuple[str, ...]:

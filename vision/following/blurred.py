@@ -50,7 +50,7 @@ class Spectra:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """What became of a mark."""
+    """A mark with its blur and light fitted."""
 
     warp: Array  # (3,3) local to ideal px
     left: float  # share of the patch's power that is not explained
@@ -60,7 +60,7 @@ class Adjusted:
 
 
 def spectra(reference: Templates) -> Spectra:
-    """The transforms of all reference patches, continued over their edges."""
+    """Fourier transforms of all reference patches, continued over their edges."""
     count = reference.grid.shape[1]
     side = round(float(np.sqrt(count)))
     more = fft.next_fast_len(side + 2 * PAD, real=True) - side - PAD
@@ -72,7 +72,7 @@ def spectra(reference: Templates) -> Spectra:
 
 
 def adjust(
-    image: Picture, lens: Array, reference: Templates, known: Spectra, rows: NDArray[np.intp], *,
+    image: Picture, lens: Array, reference: Templates, fourier: Spectra, rows: NDArray[np.intp], *,
     start: Array, usual: Array, match: Array, grey: Array,
 ) -> list[Adjusted | None]:  # fmt: skip
     """The marks' places (m,) with their blur and their light; None where these do not explain what plain
@@ -86,17 +86,17 @@ def adjust(
     """
     grey = grey - grey.mean(axis=1, keepdims=True)
     before, power = 1.0 - match**2, np.sum(grey**2, axis=1)
-    told = [np.sum((known.sharp[row] @ own) ** 2) for row, own in zip(rows, grey, strict=True)]
-    gain = told - match**2 * power  # on what plain registration explains
+    explained = [np.sum((fourier.sharp[row] @ levels) ** 2) for row, levels in zip(rows, grey, strict=True)]
+    gain = explained - match**2 * power  # on what plain registration explains
     return [
-        _adjust(image, lens, reference, known, int(rows[k]), start[k], float(usual[k]), float(before[k]))
+        _adjust(image, lens, reference, fourier, int(rows[k]), start[k], float(usual[k]), float(before[k]))
         if gain[k] >= FIRST * (before[k] - usual[k]) * power[k] else None
         for k in range(len(rows))
     ]  # fmt: skip
 
 
 def _adjust(
-    image: Picture, lens: Array, reference: Templates, known: Spectra, row: int, start: Array, usual: float,
+    image: Picture, lens: Array, reference: Templates, fourier: Spectra, row: int, start: Array, usual: float,
     before: float,
 ) -> Adjusted | None:  # fmt: skip
     """One mark, by Gauss-Newton, inverse compositional in the warp, on homography, covariance of a Gaussian
@@ -106,20 +106,20 @@ def _adjust(
     """
     warp, blur = start, np.zeros(3)
     for _ in range(STEPS):
-        fit = _fitted(image, lens, known, row, warp, blur)
+        fit = _fitted(image, lens, fourier, row, warp, blur)
         if fit is None:
             return None
         warp, blur = _composed(warp, fit.change[PLACE]), _within(blur + fit.change[BLUR])
         if not np.hypot(*(warp - start)[:2, 2]) <= FAR_PX:
             return None
-        still = np.abs(fit.change[[2, 5]]).max() <= CONVERGED_PX * known.pitch
+        still = np.abs(fit.change[[2, 5]]).max() <= CONVERGED_PX * fourier.pitch
         if still and np.abs(fit.change[BLUR]).max() <= CONVERGED_PX2:
             break
     else:
         return None
     if fit.left > NEARLY * usual and before - fit.left < ENOUGH * (before - usual):
         return None
-    return _adjusted(reference, known, row, warp, fit)
+    return _adjusted(reference, fourier, row, warp, fit)
 
 
 @dataclass(frozen=True)
@@ -132,62 +132,62 @@ class _Fit:
     left: float  # share of the patch's power
 
 
-def _fitted(image: Picture, lens: Array, known: Spectra, row: int, warp: Array, blur: Array) -> _Fit | None:
+def _fitted(image: Picture, lens: Array, fourier: Spectra, row: int, warp: Array, blur: Array) -> _Fit | None:
     """The step from a warp and a blur; None where the picture shows no contrast like the patch's."""
-    sure = _sure(known, blur)
-    grey = sure * registration.grey_under(image, lens, warp[None], known.grid)[0]
-    design = sure[:, None] * _design(known, row, blur)
+    sure = _sure(fourier, blur)
+    grey = sure * registration.grey_under(image, lens, warp[None], fourier.grid)[0]
+    design = sure[:, None] * _design(fourier, row, blur)
     power = float(grey @ grey - grey.sum() ** 2 / sure.sum())
-    found = np.linalg.solve(design.T @ design, design.T @ grey)
-    if not (power > 0.0 and found[CONTRAST] > 0.0):
+    coefficients = np.linalg.solve(design.T @ design, design.T @ grey)
+    if not (power > 0.0 and coefficients[CONTRAST] > 0.0):
         return None
-    residual = grey - design @ found
-    contrast = found[CONTRAST]
-    return _Fit(design, found / contrast, residual / contrast, float(residual @ residual) / power)
+    residual = grey - design @ coefficients
+    contrast = coefficients[CONTRAST]
+    return _Fit(design, coefficients / contrast, residual / contrast, float(residual @ residual) / power)
 
 
-def _adjusted(reference: Templates, known: Spectra, row: int, warp: Array, fit: _Fit) -> Adjusted:
+def _adjusted(reference: Templates, fourier: Spectra, row: int, warp: Array, fit: _Fit) -> Adjusted:
     """The result, from the last step."""
     linear = linear_at_centre(warp[None])[0]
-    pixels = known.pitch**2 * float(abs(np.linalg.det(linear)))
-    own = linear @ np.linalg.inv(fit.design.T @ fit.design)[[[2], [5]], [2, 5]] @ linear.T
+    pixels = fourier.pitch**2 * float(abs(np.linalg.det(linear)))
+    covariance = linear @ np.linalg.inv(fit.design.T @ fit.design)[[[2], [5]], [2, 5]] @ linear.T
     sharp = linear @ reference.covariance[row][[[2], [5]], [2, 5]] @ linear.T
     count = np.count_nonzero(fit.design.any(axis=1))
     noise = float(fit.residual @ fit.residual) / max(count - NUMBERS / pixels, 1.0)
     return Adjusted(
         warp,
         fit.left,
-        noise * max(1.0 / (INTERPOLATED * pixels), 1.0) * own,
-        float(np.trace(own) / np.trace(sharp)),
+        noise * max(1.0 / (INTERPOLATED * pixels), 1.0) * covariance,
+        float(np.trace(covariance) / np.trace(sharp)),
         influence.lean_of(fit.design, fit.residual, linear),
     )
 
 
-def _design(known: Spectra, row: int, blur: Array) -> Array:
+def _design(fourier: Spectra, row: int, blur: Array) -> Array:
     """Columns (n,17) of the blurred patch: homography (8), covariance of the blur xx, xy, yy in points2, the
     patch, a constant, and the slopes of both."""
-    across, down = known.wave
+    across, down = fourier.wave
     power = blur[0] * across**2 + 2.0 * blur[1] * across * down + blur[2] * down**2
-    patch = known.patch[row] * np.exp(-0.5 * power)
+    patch = fourier.patch[row] * np.exp(-0.5 * power)
     fields = np.stack([
-        patch, 1j * across / known.pitch * patch, 1j * down / known.pitch * patch,
+        patch, 1j * across / fourier.pitch * patch, 1j * down / fourier.pitch * patch,
         -0.5 * across**2 * patch, -across * down * patch, -0.5 * down**2 * patch,
     ])  # fmt: skip
-    size = known.wave.shape[1]
-    inside = slice(PAD, PAD + known.side)
+    size = fourier.wave.shape[1]
+    inside = slice(PAD, PAD + fourier.side)
     seen = fft.irfft2(fields, (size, size))[:, inside, inside].reshape(6, -1)
-    (grey, gx, gy, *widths), (x, y, one) = seen, known.grid
+    (grey, gx, gy, *widths), (x, y, ones) = seen, fourier.grid
     radial = gx * x + gy * y
     place = [gx * x, gx * y, gx, gy * x, gy * y, gy, -radial * x, -radial * y]
-    return np.stack([*place, *widths, grey, one, x * grey, y * grey, x, y], axis=1)
+    return np.stack([*place, *widths, grey, ones, x * grey, y * grey, x, y], axis=1)
 
 
-def _sure(known: Spectra, blur: Array) -> Array:
+def _sure(fourier: Spectra, blur: Array) -> Array:
     """1 for points (n,) that show the mark and its paper alone, 0 for those near the patch's edge, into which
     the blur brings what lies beyond; the mark itself, -1 to 1, always counts."""
-    width = REACH * known.pitch * np.sqrt(max(0.5 * (blur[0] + blur[2]), 0.0))
-    most = max(float(known.grid[0].max()) - width, 1.0)
-    return np.asarray(np.max(np.abs(known.grid[:2]), axis=0) <= most, dtype=np.float64)
+    width = REACH * fourier.pitch * np.sqrt(max(0.5 * (blur[0] + blur[2]), 0.0))
+    most = max(float(fourier.grid[0].max()) - width, 1.0)
+    return np.asarray(np.max(np.abs(fourier.grid[:2]), axis=0) <= most, dtype=np.float64)
 
 
 def _composed(warp: Array, change: Array) -> Array:

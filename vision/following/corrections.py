@@ -16,7 +16,7 @@ TICK = 1e-6  # s, below every time base
 
 @dataclass(frozen=True)
 class Correction:
-    """What a person says of one mark."""
+    """A person's correction of one mark."""
 
     mark: str
     does: str  # "lost": not seen there; "swap": it and `other` were exchanged; "place": it is at `place`
@@ -30,7 +30,7 @@ class Correction:
 def corrected(
     film: Followed, names: Sequence[str], corrections: Sequence[Correction], camera: Camera
 ) -> Followed:
-    """What was followed, with the corrections done in their order.
+    """The tracks with the corrections done in their order.
 
     names: (p,) of the marks.   camera: whose raw pixels the places are in.
 
@@ -41,25 +41,25 @@ def corrected(
         return film
     warp, ideal, covariance = film.warp.copy(), film.ideal.copy(), film.covariance.copy()
     method, growth = film.method.copy(), film.growth.copy()
-    for own in corrections:
-        p, frames = _row(own.mark, names), _frames(own, film.time)
-        if own.does == "swap":
-            q = _row(own.other, names)
+    for correction in corrections:
+        p, frames = _row(correction.mark, names), _frames(correction, film.time)
+        if correction.does == "swap":
+            q = _row(correction.other, names)
             pair, back = [p, q], [q, p]
             for array in (warp, ideal, covariance, method, growth):
                 array[frames[:, None], pair] = array[frames[:, None], back]
-        elif own.does == "lost":
+        elif correction.does == "lost":
             warp[frames, p], ideal[frames, p], covariance[frames, p] = np.nan, np.nan, np.nan
             method[frames, p] = Method.LOST
         else:
-            ideal[frames, p] = camera.undistort(np.array(own.place))
-            covariance[frames, p], method[frames, p] = own.sd_px**2 * np.eye(2), Method.BY_HAND
+            ideal[frames, p] = camera.undistort(np.array(correction.place))
+            covariance[frames, p], method[frames, p] = correction.sd_px**2 * np.eye(2), Method.BY_HAND
             warp[frames, p] = _turned(warp[:, p], int(frames[0]), ideal[frames[0], p])
-    said = (f"{len(corrections)} corrections by hand were made to the tracks.",)
+    note = (f"{len(corrections)} corrections by hand were made to the tracks.",)
     growth[method != Method.ADJUSTED] = 1.0
     return replace(
         film, warp=warp, ideal=ideal, covariance=covariance, method=method, growth=growth,
-        noted=(*film.noted, *said),
+        noted=(*film.noted, *note),
     )  # fmt: skip
 
 
@@ -69,21 +69,22 @@ def _row(name: str, names: Sequence[str]) -> int:
     return list(names).index(name)
 
 
-def _frames(own: Correction, time: Array) -> NDArray[np.intp]:
+def _frames(correction: Correction, time: Array) -> NDArray[np.intp]:
     """Frames (k,) that a correction is about: of a place the nearest one."""
     usual = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    if own.does == "place":
-        nearest = int(np.argmin(np.abs(time - own.start)))
-        near = abs(time[nearest] - own.start) <= 0.5 * usual + TICK
-        found = np.array([nearest]) if near else np.empty(0, dtype=np.intp)
+    if correction.does == "place":
+        nearest = int(np.argmin(np.abs(time - correction.start)))
+        near = abs(time[nearest] - correction.start) <= 0.5 * usual + TICK
+        frames = np.array([nearest]) if near else np.empty(0, dtype=np.intp)
     else:
-        found = np.flatnonzero((time >= own.start - TICK) & (time <= own.end + TICK))
-    if not len(found):
+        frames = np.flatnonzero((time >= correction.start - TICK) & (time <= correction.end + TICK))
+    if not len(frames):
         raise ValueError(
-            f"correction of marker {own.mark!r} from {own.start:g} to {own.end:g} s: the film has no frame "
-            f"there; wanted times of the film, {time[0]:.3f} to {time[-1]:.3f} s, one every {usual:.4f} s"
+            f"correction of marker {correction.mark!r} from {correction.start:g} to {correction.end:g} s: "
+            f"the film has no frame there; wanted times of the film, {time[0]:.3f} to {time[-1]:.3f} s, one "
+            f"every {usual:.4f} s"
         )
-    return np.asarray(found, dtype=np.intp)
+    return np.asarray(frames, dtype=np.intp)
 
 
 def _turned(warp: Array, frame: int, centre: Array) -> Array:

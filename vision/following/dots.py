@@ -71,24 +71,24 @@ def find_dots(
         return []
     smooth = np.asarray(cv2.GaussianBlur(part, (0, 0), SMOOTH_PX), dtype=np.float64)
     coefficients = spline_filter(smooth, order=3, mode="mirror")
-    found: list[Dot] = []
+    dots: list[Dot] = []
     for share in LEVELS:
         for contour in find_contours(smooth, low_grey + share * (high_grey - low_grey)):
-            if not _is_round(smooth, contour, radius) or _known(contour, found, low, camera):
+            if not _is_round(smooth, contour, radius) or _known(contour, dots, low, camera):
                 continue
             edge = _at_half_step(coefficients, contour[:-1])
             dot = None if edge is None else _dot(camera.undistort(edge[:, ::-1] + low), dark)
             if dot is None or np.hypot(*(dot.centre - guess)) > search:
                 continue
             if np.all(np.abs(dot.axes / axes - 1.0) < tolerance):
-                found.append(dot)
-    return found
+                dots.append(dot)
+    return dots
 
 
-def _known(contour: Array, found: list[Dot], low: NDArray[np.int_], camera: Camera) -> bool:
-    """Whether a contour belongs to a dot that another level has shown."""
+def _known(contour: Array, dots: list[Dot], low: NDArray[np.int_], camera: Camera) -> bool:
+    """True if a contour belongs to a dot that another level has shown."""
     centre = camera.undistort(contour.mean(axis=0)[::-1] + low)
-    return any(np.hypot(*(dot.centre - centre)) < 0.5 * dot.radius for dot in found)
+    return any(np.hypot(*(dot.centre - centre)) < 0.5 * dot.radius for dot in dots)
 
 
 def _at_half_step(coefficients: Array, contour: Array) -> Array | None:
@@ -98,8 +98,8 @@ def _at_half_step(coefficients: Array, contour: Array) -> Array | None:
     misplace it. None where the step is faint.
     """
 
-    def grey(at: Array) -> Array:
-        return map_coordinates(coefficients, at.T, order=3, mode="mirror", prefilter=False)
+    def grey(points: Array) -> Array:
+        return map_coordinates(coefficients, points.T, order=3, mode="mirror", prefilter=False)
 
     centre = contour.mean(axis=0)
     ink = float(np.mean(grey(centre + INSIDE * (contour - centre))))
@@ -116,7 +116,7 @@ def _at_half_step(coefficients: Array, contour: Array) -> Array | None:
 
 
 def _is_round(part: Array, contour: Array, radius: float) -> bool:
-    """Whether a contour (k,2) (row, column) is closed, of about the size, and dark inside."""
+    """True if a contour (k,2) (row, column) is closed, of about the size, and dark inside."""
     if len(contour) < 9 or np.any(contour[0] != contour[-1]):
         return False
     size = np.ptp(contour, axis=0) / (2.0 * radius)
@@ -160,17 +160,17 @@ def _explained(radius: float) -> float:
 
 
 def eccentricity(homography: Array, places: Array, radius: Array) -> Array:
-    """What the centre of the ellipse is off the projected centre, (...,2) ideal px: centre of the conic
-    H^-T C H^-1 minus the projection, for circles C of the plane, doi 10.1109/34.879788.
+    """Centre of the ellipse minus the projected centre, (...,2) ideal px: centre of the conic H^-T C H^-1
+    minus the projection, for circles C of the plane, doi 10.1109/34.879788.
 
     homography: (...,3,3) plane mm to ideal px.   places: (...,2) mm centres.   radius: (...) mm.
     """
     x, z = places[..., 0], places[..., 1]
-    one, zero = np.ones_like(x), np.zeros_like(x)
+    ones, zero = np.ones_like(x), np.zeros_like(x)
     circle = np.stack(
         [
-            np.stack([one, zero, -x], axis=-1),
-            np.stack([zero, one, -z], axis=-1),
+            np.stack([ones, zero, -x], axis=-1),
+            np.stack([zero, ones, -z], axis=-1),
             np.stack([-x, -z, x * x + z * z - radius**2], axis=-1),
         ],
         axis=-2,
@@ -178,5 +178,5 @@ def eccentricity(homography: Array, places: Array, radius: Array) -> Array:
     inverse = np.linalg.inv(homography)
     conic = np.swapaxes(inverse, -1, -2) @ circle @ inverse
     centre = -np.linalg.solve(conic[..., :2, :2], conic[..., :2, 2:])[..., 0]
-    seen = (homography @ np.stack([x, z, one], axis=-1)[..., None])[..., 0]
+    seen = (homography @ np.stack([x, z, ones], axis=-1)[..., None])[..., 0]
     return np.asarray(centre - seen[..., :2] / seen[..., 2:])

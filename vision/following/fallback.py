@@ -68,7 +68,7 @@ def ecc(
     shift = np.array([[1.0, 0.0, more], [0.0, 1.0, more], [0.0, 0.0, 1.0]], dtype=np.float32)
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, ITERATIONS, CHANGE)
     try:
-        alike, found = cv2.findTransformECC(
+        alike, fitted = cv2.findTransformECC(
             _square(reference.grey[row]),
             seen,
             shift,
@@ -80,7 +80,7 @@ def ecc(
     except cv2.error:  # it did not converge
         return start, 0.0
     index = [np.array([[pitch, 0.0, g[0, 0]], [0.0, pitch, g[0, 0]], [0.0, 0.0, 1.0]]) for g in (wide, grid)]
-    warp = start @ index[0] @ np.asarray(found, dtype=np.float64) @ np.linalg.inv(index[1])
+    warp = start @ index[0] @ np.asarray(fitted, dtype=np.float64) @ np.linalg.inv(index[1])
     warp /= warp[2, 2]
     edge = camera.distort(registration.project(warp, SQUARE * [[grid[0].max()], [grid[0].max()], [1.0]]))
     inside = np.all((edge >= 0.0) & (edge <= np.array(camera.size) - 1.0))  # False for NaN too

@@ -38,17 +38,17 @@ def find_textures(
     half = side_px // 2 + 2
     inside = np.zeros(picture.shape, dtype=bool)
     inside[half:-half, half:-half] = True
-    left = np.where(inside & allowed, sd, np.inf)
-    found: list[Feature] = []
-    while len(found) < most and left.min() < SD_PX:
-        y, x = np.unravel_index(int(left.argmin()), left.shape)
+    remaining = np.where(inside & allowed, sd, np.inf)
+    features: list[Feature] = []
+    while len(features) < most and remaining.min() < SD_PX:
+        y, x = np.unravel_index(int(remaining.argmin()), remaining.shape)
         if _alone(picture, int(x), int(y), side_px):
-            found.append(Feature((float(x), float(y)), float(left[y, x])))
+            features.append(Feature((float(x), float(y)), float(remaining[y, x])))
             reach = side_px // 2
         else:
             reach = side_px // 4
-        left[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1] = np.inf
-    return tuple(found)
+        remaining[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1] = np.inf
+    return tuple(features)
 
 
 def _slopes(grey: NDArray[np.float32], side_px: int) -> Array:
@@ -69,19 +69,25 @@ def _noise(grey: NDArray[np.float32]) -> float:
 
 
 def _alone(picture: Image, x: int, y: int, side_px: int) -> bool:
-    """Whether no square beside this one looks like it."""
+    """True if no square beside this one looks like it."""
     half, reach = side_px // 2, round(BESIDE * side_px)
-    own = picture[y - half : y + half + 1, x - half : x + half + 1]
-    top, left = max(y - half - reach, 0), max(x - half - reach, 0)
-    around = picture[top : y + half + reach + 1, left : x + half + reach + 1]
-    alike = np.asarray(cv2.matchTemplate(around, own, cv2.TM_CCOEFF_NORMED))
+    patch = picture[y - half : y + half + 1, x - half : x + half + 1]
+    y0, x0 = max(y - half - reach, 0), max(x - half - reach, 0)
+    around = picture[y0 : y + half + reach + 1, x0 : x + half + reach + 1]
+    alike = np.asarray(cv2.matchTemplate(around, patch, cv2.TM_CCOEFF_NORMED))
     v, u = np.mgrid[: alike.shape[0], : alike.shape[1]]
-    far = np.hypot(u - (x - half - left), v - (y - half - top)) > SLOW * side_px
+    far = np.hypot(u - (x - half - x0), v - (y - half - y0)) > SLOW * side_px
     return bool(not far.any() or alike[far].max() < ALONE)
 
 
 def taken(shape: Sequence[int], centres: Array, reach_px: Array) -> NDArray[np.bool_]:
-    """Which pixels (h,w) lie within reach (k,) px of centres (k,2) px."""
+    """Mask (h,w) of the pixels within reach (k,) px of centres (k,2) px.
+
+    >>> taken((3, 5), np.array([[1.0, 1.0]]), np.array([1.5])).astype(int)
+    array([[1, 1, 1, 0, 0],
+           [1, 1, 1, 0, 0],
+           [1, 1, 1, 0, 0]])
+    """
     y, x = np.mgrid[: shape[0], : shape[1]]
     out = np.zeros((shape[0], shape[1]), dtype=bool)
     for (u, v), reach in zip(centres, reach_px, strict=True):

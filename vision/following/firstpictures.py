@@ -1,4 +1,4 @@
-"""Where marks are in the first pictures of a film, and what to do about those that are not seen.
+"""Marks in the first pictures of a film, and the way out for those that are not seen.
 
 Coded marks are found by their codes. From the frame marks among them follows where all others should be: of
 several markers of one id the one that is meant, natural features, plain dots.
@@ -47,20 +47,15 @@ def first_seen(pictures: Sequence[Image], camera: Camera, marks: Sequence[Mark],
 
 
 def find_missing(
-    image: Image,
-    camera: Camera,
-    marks: Sequence[Mark],
-    dictionary: str,
-    seed: Array,
-    dots: dict[int, Dot],
+    image: Image, camera: Camera, marks: Sequence[Mark], dictionary: str, seed: Array, dots: dict[int, Dot]
 ) -> NDArray[np.bool_]:
     """Fill the warps of marks that the picture shows and that were missing; says which were filled."""
     missing = np.isnan(seed[:, 0, 0])
-    wanted = {code for p, code in codes_of(marks).items() if missing[p]}
-    found, _ = detect_wanted(image, dictionary, wanted)
+    codes = {code for p, code in codes_of(marks).items() if missing[p]}
+    quads, _ = detect_wanted(image, dictionary, codes)
     for p, code in codes_of(marks).items():
-        if missing[p] and code in found:
-            seed[p] = corner_warp(camera.undistort(found[code]))
+        if missing[p] and code in quads:
+            seed[p] = corner_warp(camera.undistort(quads[code]))
     for p, warp in told_apart(image, camera, marks, dictionary, seed).items():
         seed[p] = warp
     _lay_patches(marks, seed)
@@ -81,7 +76,7 @@ def told_apart(
     if homography is None:
         return {}
     nominal = np.array([mark.position for mark in marks])[:, [0, 2]]
-    seen, found = detect_all(image, dictionary), {}
+    seen, warps = detect_all(image, dictionary), {}
     for p, code in missing.items():
         quads = [camera.undistort(quad) for name, quad in seen if name == code]
         side = marks[p].size_mm
@@ -90,8 +85,8 @@ def told_apart(
         order = np.argsort(away)
         reach = NEAR * float(np.hypot(*(beside - place)))
         if len(quads) > 1 and away[order[0]] < reach and away[order[1]] > CLEAR * max(away[order[0]], reach):
-            found[p] = corner_warp(quads[order[0]])
-    return found
+            warps[p] = corner_warp(quads[order[0]])
+    return warps
 
 
 def _lay_patches(marks: Sequence[Mark], seed: Array) -> None:
@@ -119,23 +114,23 @@ def _find_dots(
     size = np.array([mark.size_mm for mark in marks])
     rim = _in_picture(homography, nominal + 0.5 * size[:, None] * (1.0, 0.0))
     radius = np.linalg.norm(rim - guess, axis=1)
-    found: list[Dot] = []
+    candidates: list[Dot] = []
     for p in missing:
         for is_dark in (True, False):
             seen = find_dots(
                 image, camera, guess[p], np.full(2, radius[p]), search=2.0 * radius[p], dark=is_dark
             )
-            found += [
-                d for d in seen if all(np.hypot(*(d.centre - f.centre)) > 0.5 * d.radius for f in found)
+            candidates += [
+                d for d in seen if all(np.hypot(*(d.centre - f.centre)) > 0.5 * d.radius for f in candidates)
             ]
     apart = np.linalg.norm(guess[missing][:, None] - guess[missing][None], axis=-1) + np.diag(
         [np.inf] * len(missing)
     )
     gate = np.minimum(2.0 * radius[missing], GATE * apart.min(axis=1))
-    chosen, _ = assign(guess[missing], np.array([dot.centre for dot in found]).reshape(-1, 2), gate)
+    chosen, _ = assign(guess[missing], np.array([dot.centre for dot in candidates]).reshape(-1, 2), gate)
     for p, j in zip(missing, chosen, strict=True):
         if j >= 0:
-            seed[p], dots[p] = dot_warp(found[j].centre, found[j].radius), found[j]
+            seed[p], dots[p] = dot_warp(candidates[j].centre, candidates[j].radius), candidates[j]
 
 
 def _frame_homography(marks: Sequence[Mark], seed: Array) -> Array | None:
@@ -145,8 +140,8 @@ def _frame_homography(marks: Sequence[Mark], seed: Array) -> Array | None:
     if len(frame) < MIN_VISIBLE:
         return None
     nominal = np.array([marks[p].position for p in frame])[:, [0, 2]]
-    found = fit_homography(nominal, seed[frame, :2, 2])
-    return found if np.isfinite(found[0, 0]) else None
+    homography = fit_homography(nominal, seed[frame, :2, 2])
+    return homography if np.isfinite(homography[0, 0]) else None
 
 
 def _in_picture(homography: Array, places: Array) -> Array:
@@ -219,9 +214,9 @@ def _check_ids(film: Video, seen: dict[int, Array], marks: Sequence[Mark]) -> No
     )
 
 
-def _check_mirrored(film: Video, first: Image, dictionary: str) -> None:
+def _check_mirrored(film: Video, picture: Image, dictionary: str) -> None:
     """Raises ValueError for a film that shows its markers left for right: at most chance shows one then."""
-    seen, turned = (len(detect(picture, dictionary)[0]) for picture in (first, flipped(first)))
+    seen, turned = (len(detect(picture, dictionary)[0]) for picture in (picture, flipped(picture)))
     if turned >= MIN_VISIBLE and turned > 2 * seen:
         raise ValueError(
             f"film {film.path.name} shows {seen} markers of {dictionary}, but {turned} when its pictures are "
@@ -231,8 +226,8 @@ def _check_mirrored(film: Video, first: Image, dictionary: str) -> None:
 
 def unseen(film: str, gone: Sequence[Mark], marks: Sequence[Mark], seen: set[int]) -> str:
     """The sentence for finger marks that the first frames do not show.   seen: all ids that they show."""
-    stated = set(codes_of(marks).values())
-    unused = sorted(seen - stated)
+    codes = set(codes_of(marks).values())
+    unused = sorted(seen - codes)
     named = ", ".join(
         f"{m.name!r}" + (f" (id {code})" if (code := getattr(m.kind, "code", None)) is not None else "")
         for m in gone
@@ -241,18 +236,18 @@ def unseen(film: str, gone: Sequence[Mark], marks: Sequence[Mark], seen: set[int
         f"seen, and of no stated marker, are the ids {', '.join(map(str, unused))}: correct the id"
         if unused else "no other id is seen: correct its id, uncover it in the first frames"
     )  # fmt: skip
-    one = len(gone) == 1
+    single = len(gone) == 1
     return (
-        f"film {film} does not show the finger's marker{'' if one else 's'} {named} in its first frames, "
+        f"film {film} does not show the finger's marker{'' if single else 's'} {named} in its first frames, "
         f"where every marker of the finger has to be seen; {hint}, or remove it from the finger's markers"
     )
 
 
 def _none_found(film: Video, looked: Sequence[Image], dictionary: str) -> str:
-    other = other_dictionary(looked[:1], dictionary)
+    better = other_dictionary(looked[:1], dictionary)
     hint = (
-        f"{other[0]} finds {other[1]}: set that dictionary"
-        if other
+        f"{better[0]} finds {better[1]}: set that dictionary"
+        if better
         else "no other predefined dictionary finds any: "
         + (picture_trouble(looked[0]) or "check focus, light and the markers' white border")
     )

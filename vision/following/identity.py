@@ -1,4 +1,4 @@
-"""Which dot is which: prediction, assignment, and dots that are lost rather than swapped."""
+"""Identity of dots: prediction, assignment, and dots that are lost rather than swapped."""
 
 from dataclasses import dataclass, replace
 
@@ -21,7 +21,7 @@ PATIENCE = 10  # frames for which a hidden dot without neighbours is looked for 
 
 @dataclass(frozen=True, kw_only=True)
 class DotMemory:
-    """What is known of q dots among p marks before a frame."""
+    """Memory of q dots among p marks before a frame."""
 
     rows: NDArray[np.intp]  # (q,) their rows among the marks
     body: NDArray[np.bool_]  # (p,) marks that move with the finger
@@ -34,16 +34,20 @@ class DotMemory:
     open: NDArray[np.bool_]  # (q,) vanished next to another one: which is which cannot be told any more
 
 
-def assign(guess: Array, found: Array, gate: Array) -> tuple[NDArray[np.intp], NDArray[np.int8]]:
-    """Which of the found places (b,2) belongs to each guess (a,2), -1 for none, and who is in doubt (a,).
+def assign(guess: Array, places: Array, gate: Array) -> tuple[NDArray[np.intp], NDArray[np.int8]]:
+    """Index (a,) of the place among (b,2) that belongs to each guess (a,2), -1 for none, and doubts (a,).
 
     The sum of distances within the gates (a,) is least (Hungarian method). In doubt, and given none, is who
     could nearly as well have another place that is free (1), or another guess's in exchange for its own (2).
+
+    >>> guess, seen = np.array([[0.0, 0.0], [50.0, 0.0]]), np.array([[51.0, 0.0], [1.0, 0.0]])
+    >>> assign(guess, seen, np.array([10.0, 10.0]))
+    (array([1, 0]), array([0, 0], dtype=int8))
     """
     chosen, doubt = np.full(len(guess), -1), np.zeros(len(guess), dtype=np.int8)
-    if not len(guess) or not len(found):
+    if not len(guess) or not len(places):
         return chosen, doubt
-    apart = np.linalg.norm(guess[:, None] - found[None], axis=-1)
+    apart = np.linalg.norm(guess[:, None] - places[None], axis=-1)
     cost = np.where(apart <= gate[:, None], apart, 1e6)
     for i, j in np.transpose(linear_sum_assignment(cost)).tolist():
         chosen[i] = j if cost[i, j] < 1e6 else -1
@@ -51,12 +55,12 @@ def assign(guess: Array, found: Array, gate: Array) -> tuple[NDArray[np.intp], N
     for i, j in enumerate(chosen.tolist()):
         if j < 0:
             continue
-        free = [apart[i, k] for k in range(len(found)) if k not in owned]
+        free = [apart[i, k] for k in range(len(places)) if k not in owned]
         if min(free, default=np.inf) < CLEAR * apart[i, j] + CLEAR_PX:
             doubt[i] = max(doubt[i], 1)
         for n, k in enumerate(chosen.tolist()):
-            kept, swapped = (apart[n, k], apart[i, k]) if k >= 0 else (0.0, 0.0)
-            if n != i and apart[n, j] + swapped < CLEAR * (apart[i, j] + kept) + CLEAR_PX:
+            distance, swapped = (apart[n, k], apart[i, k]) if k >= 0 else (0.0, 0.0)
+            if n != i and apart[n, j] + swapped < CLEAR * (apart[i, j] + distance) + CLEAR_PX:
                 doubt[i] = doubt[n] = 2
     chosen[doubt > 0] = -1
     return chosen, doubt
@@ -75,8 +79,8 @@ def follow_dots(
     """
     now, count = places.copy(), len(memory.rows)
     dots: list[Dot | None] = [None] * count
-    first = np.flatnonzero((memory.hidden == 0) & ~memory.open)
-    doubt = _look(image, camera, memory, first, memory.place + memory.step, now, dots)
+    visible = np.flatnonzero((memory.hidden == 0) & ~memory.open)
+    doubt = _look(image, camera, memory, visible, memory.place + memory.step, now, dots)
     later = np.array([q for q in range(count) if dots[q] is None and not memory.open[q] and not doubt[q]])
     if len(later):
         guess = np.array([_carried(memory, q, now) for q in range(count)])
@@ -98,7 +102,7 @@ def _look(
     doubt = np.zeros(len(memory.rows), dtype=np.int8)
     which = which[np.isfinite(guess[which, 0])]
     gate = _gates(memory, which)
-    found: list[Dot] = []
+    candidates: list[Dot] = []
     for q, reach in zip(which, gate, strict=True):
         seen = find_dots(
             image,
@@ -110,19 +114,19 @@ def _look(
             tolerance=SAME_SIZE,
         )
         for dot in seen:
-            known = [*taken, *(other.centre for other in found)]
-            if all(np.hypot(*(dot.centre - place)) > 0.5 * dot.radius for place in known):
-                found.append(dot)
-    chosen, unsure = assign(guess[which], np.array([dot.centre for dot in found]).reshape(-1, 2), gate)
+            occupied = [*taken, *(candidate.centre for candidate in candidates)]
+            if all(np.hypot(*(dot.centre - place)) > 0.5 * dot.radius for place in occupied):
+                candidates.append(dot)
+    chosen, unsure = assign(guess[which], np.array([dot.centre for dot in candidates]).reshape(-1, 2), gate)
     doubt[which] = unsure
     for q, j in zip(which, chosen, strict=True):
         if j >= 0:
-            dots[q], now[memory.rows[q]] = found[j], found[j].centre
+            dots[q], now[memory.rows[q]] = candidates[j], candidates[j].centre
     return doubt
 
 
 def _gates(memory: DotMemory, which: NDArray[np.intp]) -> Array:
-    """How far (n,) px each may be from its guess: less than half the way to any other dot."""
+    """Largest distance (n,) px of each from its guess: less than half the way to any other dot."""
     gates = np.empty(len(which))
     for i, q in enumerate(which):
         others = np.delete(memory.snapshot[q][memory.rows], q, axis=0)
@@ -133,14 +137,14 @@ def _gates(memory: DotMemory, which: NDArray[np.intp]) -> Array:
 
 
 def _carried(memory: DotMemory, q: int, now: Array) -> Array:
-    """Where (2,) the nearest marks of the body take dot q by a similarity; where it was, if fewer than two do
-    and it is not gone for long; else NaN."""
+    """Place (2,) to which the nearest marks of the body take dot q by a similarity; where it was, if fewer
+    than two do and it is not gone for long; else NaN."""
     then = memory.snapshot[q]
     near = np.flatnonzero(memory.body & np.isfinite(then[:, 0]) & np.isfinite(now[:, 0]))
     near = near[np.argsort(np.linalg.norm(then[near] - memory.place[q], axis=1))[:NEIGHBOURS]]
     if len(near) < 2:
         return memory.place[q] if memory.hidden[q] < PATIENCE else np.full(2, np.nan)
-    a, b = (at[near, 0] + 1j * at[near, 1] for at in (then, now))
+    a, b = (places[near, 0] + 1j * places[near, 1] for places in (then, now))
     turn = np.vdot(a - a.mean(), b - b.mean()) / np.vdot(a - a.mean(), a - a.mean())
     z = b.mean() + turn * (memory.place[q] @ [1.0, 1j] - a.mean())
     return np.array([z.real, z.imag])

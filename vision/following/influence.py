@@ -1,5 +1,4 @@
-"""What lies unevenly on a mark (glare, cover, the edge of a shadow), from residuals by quarters of its
-patch.
+"""Influence of the quarters of a patch on its centre: glare, cover or the edge of a shadow on a mark.
 
 Such a thing pulls the fit aside and leaves a residual that noise does not explain. Its pull shows when a
 quarter of the patch is left out: the centre then moves by more than noise moves it.
@@ -25,7 +24,7 @@ APART, SMALL_PX = 3.0, 0.1
 
 @dataclass(frozen=True)
 class Quarters:
-    """What takes the sums (40,) of the quarters of a patch to moves of its centre, local units."""
+    """Linear maps from the sums (40,) over the quarters of a patch to moves of its centre, local units."""
 
     without: Array  # (p,8,40) centre of the whole patch minus that without a quarter, two rows a quarter
     within: Array  # (p,8,40) what the residual of a quarter moves the centre of the whole patch by
@@ -41,24 +40,23 @@ def quarters(reference: Templates) -> Quarters:
     """
     points = reference.grid.shape[1]
     information = np.linalg.inv(reference.covariance)
-    flat = np.full((*reference.grey.shape, 1), points**-0.5)
-    design = np.concatenate([reference.step @ information, reference.grey[..., None], flat], axis=2)
-    part = _parts(points)
-    own = np.stack([_square(design[:, part == q]) for q in range(4)], axis=1)
-    whole = np.linalg.inv(own.sum(axis=1))[:, None]
-    left = np.linalg.inv(own.sum(axis=1)[:, None] - own)
-    scores = np.zeros((len(design), 10, 10))
-    scores[:, :8, :8], scores[:, 8, 8], scores[:, 9, 9] = information, 1.0, points**-0.5
-    residual = np.eye(4)[:, None, :, None] * np.eye(10)[:, None] - (own @ whole)[:, :, :, None, :]
-    residual = np.einsum("pqirj,pjk->pqirk", residual, scores).reshape(len(design), 4, 10, 40)
+    constant = np.full((*reference.grey.shape, 1), points**-0.5)
+    design = np.concatenate([reference.step @ information, reference.grey[..., None], constant], axis=2)
+    quarter = _quarter_of(points)
+    normal = np.stack([_square(design[:, quarter == q]) for q in range(4)], axis=1)  # M_q
+    covariance, covariance_without = _covariances(normal)
+    to_columns = np.zeros((len(design), 10, 10))  # from sums with `step`, grey and 1 to J'r
+    to_columns[:, :8, :8], to_columns[:, 8, 8], to_columns[:, 9, 9] = information, 1.0, points**-0.5
+    residual = np.eye(4)[:, None, :, None] * np.eye(10)[:, None] - (normal @ covariance)[:, :, :, None, :]
+    residual = np.einsum("pqirj,pjk->pqirk", residual, to_columns).reshape(len(design), 4, 10, 40)
     return Quarters(
-        (left @ residual)[:, :, [2, 5]].reshape(-1, 8, 40),
-        (whole @ residual)[:, :, [2, 5]].reshape(-1, 8, 40),
-        np.linalg.inv((left - whole)[:, :, [[2], [5]], [[2, 5]]]),
+        (covariance_without @ residual)[:, :, [2, 5]].reshape(-1, 8, 40),
+        (covariance @ residual)[:, :, [2, 5]].reshape(-1, 8, 40),
+        np.asarray(np.linalg.inv((covariance_without - covariance)[:, :, [[2], [5]], [[2, 5]]])),
     )
 
 
-def lean(known: Quarters, rows: NDArray[np.intp], sums: Array, linear: Array) -> Array:
+def lean(maps: Quarters, rows: NDArray[np.intp], sums: Array, linear: Array) -> Array:
     """Strength and variance px2 (m,2) of what lies unevenly on some marks.
 
     rows: (m,) of the patches.   sums: (m,4,10) from `register_quarters`.   linear: (m,2,2) px per local unit.
@@ -69,21 +67,28 @@ def lean(known: Quarters, rows: NDArray[np.intp], sums: Array, linear: Array) ->
     are far apart it is the larger, and inf where it would not be small.
     """
     stacked = sums.reshape(len(rows), 40, 1)
-    without, within = ((take[rows] @ stacked).reshape(-1, 4, 2, 1) for take in (known.without, known.within))
-    return _leaning(without, within, known.weight[rows], linear)
+    without, within = ((take[rows] @ stacked).reshape(-1, 4, 2, 1) for take in (maps.without, maps.within))
+    return _leaning(without, within, maps.weight[rows], linear)
 
 
 def lean_of(design: Array, residual: Array, linear: Array) -> Array:
-    """The same (2,) of one fit: its design (n,k), whose columns 2 and 5 are the centre's, its residual (n,)
-    and px per local unit (2,2)."""
-    part = _parts(len(design))
-    own = np.stack([design[part == q].T @ design[part == q] for q in range(4)])
-    whole = np.linalg.inv(own.sum(axis=0))
-    left = np.linalg.inv(own.sum(axis=0) - own)
-    pull = np.stack([design[part == q].T @ residual[part == q] for q in range(4)])[..., None]
-    without, within = (left @ pull)[:, [2, 5]], (whole @ pull)[:, [2, 5]]
-    weight = np.linalg.inv((left - whole)[:, [[2], [5]], [[2, 5]]])
+    """Strength and variance (2,) for a single fit, as in `lean`.
+
+    design: (n,k), its columns 2 and 5 are the centre's.   residual: (n,).   linear: (2,2) px per local unit.
+    """
+    quarter = _quarter_of(len(design))
+    normal = np.stack([design[quarter == q].T @ design[quarter == q] for q in range(4)])
+    covariance, covariance_without = (each[0] for each in _covariances(normal[None]))
+    pull = np.stack([design[quarter == q].T @ residual[quarter == q] for q in range(4)])[..., None]
+    without, within = (covariance_without @ pull)[:, [2, 5]], (covariance @ pull)[:, [2, 5]]
+    weight = np.linalg.inv((covariance_without - covariance)[:, [[2], [5]], [[2, 5]]])
     return np.asarray(_leaning(without[None], within[None], weight[None], linear[None])[0])
+
+
+def _covariances(normal: Array) -> tuple[Array, Array]:
+    """(J'J)^-1 (p,1,k,k) and, without each quarter, (J'J - M_q)^-1 (p,4,k,k), from M_q (p,4,k,k)."""
+    total = normal.sum(axis=1)[:, None]
+    return np.linalg.inv(total), np.linalg.inv(total - normal)
 
 
 def _leaning(without: Array, within: Array, weight: Array, linear: Array) -> Array:
@@ -95,14 +100,14 @@ def _leaning(without: Array, within: Array, weight: Array, linear: Array) -> Arr
     return np.stack([strength, np.where(apart & (middle > SMALL_PX**2), np.inf, small)], axis=1)
 
 
-def _parts(points: int) -> NDArray[np.intp]:
+def _quarter_of(points: int) -> NDArray[np.intp]:
     """Quarter (n,) of each point of a square patch."""
     side = round(float(np.sqrt(points)))
     low = (np.arange(side) >= side // 2).astype(np.intp)
     return np.asarray((2 * low[:, None] + low[None]).ravel())
 
 
-def stated(leaning: Array, plain: NDArray[np.bool_]) -> Array:
+def extra_variance(leaning: Array, plain: NDArray[np.bool_]) -> Array:
     """Variance (t,p) px2 that the centres have more: 0 where the residual is usual, inf for one to give up.
 
     leaning: (t,p,2) from `lean`.   plain: (t,p) whether the mark was registered.

@@ -45,13 +45,13 @@ def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Lo
     The printed pattern, blurred as the picture is, is registered to it by a homography; OpenCV's corners
     are the start only. Raises ValueError for an unknown dictionary.
     """
-    found, more = detect(image, dictionary)
-    ids, repeated = np.array(sorted(found), dtype=np.intp), tuple(sorted(more))
+    quads, more = detect(image, dictionary)
+    ids, repeated = np.array(sorted(quads), dtype=np.intp), tuple(sorted(more))
     if not len(ids):
         none = np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0), np.empty(0, dtype=bool)
         return Located(ids, *none, repeated, _reason(image, dictionary, repeated))
     used = camera or no_lens(image)
-    start = np.array([corner_warp(used.undistort(found[int(i)])) for i in ids])
+    start = np.array([corner_warp(used.undistort(quads[int(i)])) for i in ids])
     fit = _Fit(image, registration.lens_of(used), start, ids, dictionary)
     few = np.arange(len(ids))[:: max(len(ids) // SHOWS_BLUR, 1)]
     blur = minimize_scalar(
@@ -64,13 +64,13 @@ def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Lo
 
 
 def _reason(image: Image, dictionary: str, repeated: tuple[int, ...]) -> str:
-    """Why no marker is located."""
+    """Reason why no marker is located, one sentence."""
     if repeated:
         return (f"All markers of {dictionary} that are seen are there more than once: ids "
                 f"{', '.join(map(str, repeated))}. Print and glue every id once.")  # fmt: skip
-    other = other_dictionary([image], dictionary)
-    if other:
-        return f"No marker of {dictionary} is seen; {other[0]} finds {other[1]}: give that dictionary."
+    better = other_dictionary([image], dictionary)
+    if better:
+        return f"No marker of {dictionary} is seen; {better[0]} finds {better[1]}: give that dictionary."
     trouble = picture_trouble(image)
     if trouble:
         return f"No marker of {dictionary} is seen: {trouble}."

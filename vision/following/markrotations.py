@@ -1,4 +1,4 @@
-"""How each followed mark turns and grows in the finger's plane."""
+"""Rotation and stretch of each followed mark in the finger's plane."""
 
 from collections.abc import Sequence
 
@@ -22,14 +22,20 @@ def linear_maps(followed: Followed, homography: Array) -> Array:
         -1, 2, 2
     )
     turn = np.full(linear.shape, np.nan)
-    known = np.isfinite(reference[:, 0, 0])
-    turn[:, known] = linear[:, known] @ np.linalg.inv(reference[known])
+    finite = np.isfinite(reference[:, 0, 0])
+    turn[:, finite] = linear[:, finite] @ np.linalg.inv(reference[finite])
     turn[followed.method == Method.DOT] = np.nan
     return turn
 
 
 def rotations(turn: Array) -> Array:
-    """Rotation (t,p) rad of each mark in the plane, from x towards z, from its linear map (t,p,2,2)."""
+    """Rotation (t,p) rad of each mark in the plane, from x towards z, from its linear map (t,p,2,2).
+
+    >>> turn = np.deg2rad([0.0, 170.0, 190.0])
+    >>> linear = np.array([[[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]] for a in turn])
+    >>> np.degrees(rotations(linear[:, None])).ravel().round(6)
+    array([  0., 170., 190.])
+    """
     angle = np.arctan2(turn[..., 1, 0] - turn[..., 0, 1], turn[..., 0, 0] + turn[..., 1, 1])
     for of_mark in angle.T:  # a lost frame must not spoil those after it
         seen = np.isfinite(of_mark)
@@ -58,7 +64,11 @@ def finger_turns(value: Array, rotation: Array, marks: Sequence[Mark]) -> Array:
 
 
 def mean_seen(place: Array) -> Array:
-    """Mean (p,2) over the frames in which a point is seen; NaN for one never seen."""
+    """Mean (p,2) over the frames in which a point is seen; NaN for one never seen.
+
+    >>> mean_seen(np.array([[[1.0, 2.0]], [[np.nan, np.nan]], [[3.0, 4.0]]]))
+    array([[2., 3.]])
+    """
     count = np.isfinite(place).sum(axis=0)
     return np.where(count > 0, np.nan_to_num(place).sum(axis=0) / np.maximum(count, 1), np.nan)
 

@@ -49,7 +49,7 @@ def printed_centres(mean: Array, grid: Array, codes: Sequence[int], dictionary: 
 
 
 def _found(mean: Array, grid: Array, code: int, dictionary: str, blur: float) -> tuple[Array, float]:
-    """Where (2,) in local coordinates the patch (n,) shows the pattern's centre, and the correlation."""
+    """Local coordinates (2,) of the pattern's centre in the patch (n,), and the correlation."""
     side = round(float(np.sqrt(grid.shape[1])))
     half = float(grid[0].max())
     pitch = 2.0 * half / (side - 1)
@@ -125,7 +125,7 @@ def print_covariance(linear: Array) -> Array:
     return np.asarray(shift[:, :, None] * shift[:, None])
 
 
-def larger(one: Array, other: Array) -> Array:
+def larger(a: Array, b: Array) -> Array:
     """The larger (p,2,2) of two covariances each, by their traces."""
-    first = np.trace(one, axis1=1, axis2=2) >= np.trace(other, axis1=1, axis2=2)
-    return np.where(first[:, None, None], one, other)
+    is_first = np.trace(a, axis1=1, axis2=2) >= np.trace(b, axis1=1, axis2=2)
+    return np.where(is_first[:, None, None], a, b)

@@ -12,22 +12,10 @@ from vision.dictionaries import dictionary_of
 from vision.film.video import Video
 from vision.following import blurred, registration
 from vision.following.dots import Dot
-from vision.following.firstpictures import (
-    START_FRAMES,
-    check_size,
-    check_start,
-    find_missing,
-    unseen,
-)
+from vision.following.firstpictures import START_FRAMES, check_size, check_start, find_missing, unseen
 from vision.following.influence import Quarters, quarters
 from vision.following.printedpattern import CELLS_BEYOND, printed_centres
-from vision.marks import (
-    Mark,
-    codes_of,
-    detect,
-    px_per_unit,
-    registered_of,
-)
+from vision.marks import Mark, codes_of, detect, px_per_unit, registered_of
 
 MIN_REFERENCE = 10
 MAX_REFERENCE = 40  # frames averaged into the reference patches; more gain nothing against the codec
@@ -73,9 +61,9 @@ def prepare(
     templates = registration.templates(mean, single.grid)
     centre = np.zeros((len(marks), 2))
     codes = codes_of(marks)
-    own = np.flatnonzero(np.isin(coded, list(codes)))  # the middle of a natural feature is its centre
-    centre[coded[own]] = printed_centres(
-        mean[own, 0], single.grid, list(codes.values()), dictionary, px_per_unit(seed[coded[own]])
+    printed = np.flatnonzero(np.isin(coded, list(codes)))  # the middle of a natural feature is its centre
+    centre[coded[printed]] = printed_centres(
+        mean[printed, 0], single.grid, list(codes.values()), dictionary, px_per_unit(seed[coded[printed]])
     )
     return Follower(
         camera=camera,

@@ -45,7 +45,15 @@ def local_grid(points: int, half: float) -> Array:
 
 
 def project(warp: Array, local: Array) -> Array:
-    """Where warps (...,3,3) take homogeneous local points (3,n): ideal pixels (...,n,2)."""
+    """Ideal pixels (...,n,2) of homogeneous local points (3,n) under warps (...,3,3).
+
+    >>> warp = np.array([[20.0, 0.0, 100.0], [0.0, 20.0, 80.0], [0.0, 0.0, 1.0]])  # a mark of 40 px
+    >>> project(warp, local_grid(2, 1.0))
+    array([[ 80.,  60.],
+           [120.,  60.],
+           [ 80., 100.],
+           [120., 100.]])
+    """
     mapped = warp @ local
     return np.stack([mapped[..., 0, :], mapped[..., 1, :]], axis=-1) / mapped[..., 2, :, None]
 

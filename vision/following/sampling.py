@@ -29,13 +29,13 @@ def _prefilter(block: Any) -> None:
     From row to row: the recursion along one column alone waits for every step of it.
     """
     rows, columns = block.shape
-    first, power = np.zeros(columns), 1.0
+    start, power = np.zeros(columns), 1.0
     for k in range(min(rows, 14)):
         for i in range(columns):
-            first[i] += power * block[k, i]
+            start[i] += power * block[k, i]
         power *= _POLE
     for i in range(columns):
-        block[0, i] = first[i]
+        block[0, i] = start[i]
     for k in range(1, rows):
         for i in range(columns):
             block[k, i] += _POLE * block[k - 1, i]
@@ -216,7 +216,7 @@ def lay(
                 quarter[0, k] = quarter[1, k] = quarter[2, k] = quarter[3, k] = 0.0
             for row in range(side):
                 for right in range(2):
-                    own = quarter[(2 if row >= half else 0) + right]
+                    part_sums = quarter[(2 if row >= half else 0) + right]
                     total, product = 0.0, 0.0
                     for i in range(row * side + right * half, row * side + (side if right else half)):
                         x, y, _ = _pixel(lens, warp, grid[0, i], grid[1, i])
@@ -226,9 +226,9 @@ def lay(
                         power += value * value
                         product += value * template[i]
                         for k in range(8):
-                            own[k] += steps[i, k] * value
-                    own[8] += product
-                    own[9] += total
+                            part_sums[k] += steps[i, k] * value
+                    part_sums[8] += product
+                    part_sums[9] += total
             product, total = _whole(quarter, 8), _whole(quarter, 9)
             norm = np.sqrt(max(power - total * total / count, 1e-12))
             if not product > 0.0:

@@ -1,4 +1,4 @@
-"""What an affine subset misses where strain has a gradient: the shift of its centre, and that taken off.
+"""Bias of an affine subset where strain has a gradient, and its correction.
 
 In a field whose second derivative is u'' a subset of side s is found u'' s^2 / 24 off its centre, where its
 texture is even: doi 10.1117/1.1314593. What its own texture makes of it follows from the steps of the
@@ -26,7 +26,7 @@ class Curvature:
     effect: Array  # (p,2,6) shift in local units for second derivatives of both components, local units
 
     def shift(self, place: Array, linear: Array) -> Array:
-        """How far (p,2) px subsets are found off, from the places (p,2) px of all; NaN if one is lost.
+        """Bias (p,2) px of subsets, from the places (p,2) px of all; NaN if one is lost.
 
         linear: (p,2,2) px per local unit.
         """
@@ -37,7 +37,7 @@ class Curvature:
         )
 
     def noise(self) -> Array:
-        """What white noise of unit variance in every place adds to a centre's variance (p,)."""
+        """Variance (p,) that white noise of unit variance in every place adds to a centre."""
         mixed = np.einsum("pcik,pkn->pcin", self.effect.reshape(-1, 2, 2, 3), self.second)
         mixed[..., 0] -= np.eye(2)  # the subset's own place, from which it is taken
         return np.asarray(0.5 * (mixed**2).sum(axis=(1, 2, 3)) - 1.0)
@@ -75,9 +75,9 @@ def straightened(
     Where a neighbour is lost the shift is not known: it is stated as an error, as large as those that are.
     """
     off = curvature.shift(place, linear) - rest
-    known = np.isfinite(off[:, 0])
-    usual = np.mean(off[known] ** 2, axis=0) if known.any() else np.zeros(2)
-    left = np.where(known[:, None], (HIGHER * np.nan_to_num(off)) ** 2, usual)
+    finite = np.isfinite(off[:, 0])
+    usual = np.mean(off[finite] ** 2, axis=0) if finite.any() else np.zeros(2)
+    variance = np.where(finite[:, None], (HIGHER * np.nan_to_num(off)) ** 2, usual)
     noise = 0.5 * np.trace(covariance, axis1=1, axis2=2) * curvature.noise()
-    added = np.eye(2) * (left + np.where(known, noise, 0.0)[:, None])[..., None]
-    return np.where(known[:, None], place - np.nan_to_num(off), place), covariance + added
+    added = np.eye(2) * (variance + np.where(finite, noise, 0.0)[:, None])[..., None]
+    return np.where(finite[:, None], place - np.nan_to_num(off), place), covariance + added

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ MOVES_PX = 0.3  # px per frame: below it the last place is the better guess
 
 @dataclass(frozen=True)
 class FrameState:
-    """What the next frame is followed from."""
+    """State after a frame, from which the next one is followed."""
 
     last: Array  # (p,3,3) warps where marks were last seen
     before: Array  # (p,3,3) and a frame before that
@@ -52,33 +53,32 @@ def follow(
         film,
         lambda image, state: _next(image, follower, state),
         FrameState(follower.seed.copy(), follower.seed.copy(), _memory(follower), np.zeros((0, 0), np.uint8)),
-        nothing=_row(_Shown.nothing(count), np.zeros(count, dtype=bool), same=False, there=False),
+        nothing=_Sighting.none(count, there=False),
         stage=stage,
         progress=progress,
         keeper=keeper,
     )
-    warp, match, method, spread, leaning, unknown, same, there = (
-        np.array(column) for column in zip(*rows, strict=True)
-    )
-    absent = [*np.flatnonzero(~there), *range(len(rows), len(film.time))]
-    more = influence.stated(leaning, np.isin(method, FIRM))
+    film_rows = _Sighting(*(np.array(column) for column in zip(*rows, strict=True)))
+    warp, method, spread = film_rows.warp, film_rows.method, film_rows.spread
+    absent = [*np.flatnonzero(~film_rows.there), *range(len(rows), len(film.time))]
+    more = influence.extra_variance(film_rows.leaning, np.isin(method, FIRM))
     given_up = np.isinf(more)
     warp[given_up], method[given_up], more[given_up] = np.nan, Method.LOST, 0.0
     ideal = centres(warp, follower.centre)
-    old = stale(same, ideal)
+    old = stale(film_rows.same, ideal)
     warp[old], ideal[old], spread[old], method[old] = np.nan, np.nan, np.nan, Method.LOST
     _straighten(follower, ideal)
-    own = _covariance(warp, match, method, spread, follower)
+    covariance = _covariance(warp, film_rows.match, method, spread, follower)
     names = [mark.name for mark in follower.marks]
     return Followed(
         time=film.time[: len(warp)],
         warp=warp,
         ideal=ideal,
-        covariance=own + more[..., None, None] * np.eye(2),
+        covariance=covariance + more[..., None, None] * np.eye(2),
         method=method,
-        growth=np.where(method == Method.ADJUSTED, match, 1.0),
+        growth=np.where(method == Method.ADJUSTED, film_rows.match, 1.0),
         reference=reference_frames(film, reference_s),
-        said=(*_absent(film, absent), *_unknown(names, unknown, film.time)),
+        said=(*_absent(film, absent), *_unknown(names, film_rows.unknown, film.time)),
         noted=_stale(film, np.flatnonzero(old)),
     )
 
@@ -119,50 +119,44 @@ def centres(warp: Array, centre: Array) -> Array:
     return np.asarray(mapped[..., :2, 0] / mapped[..., 2:, 0])
 
 
-def _next(image: Image, follower: Follower, state: FrameState) -> tuple[Row, FrameState]:
-    """What one frame shows, as a row of arrays (see `_row`), and the state after it."""
-    shown = _coded(image, follower, state)
-    memory = _dots(image, follower, state.memory, shown)
-    unknown = np.zeros(len(shown.warp), dtype=bool)
-    unknown[memory.rows] = memory.open
-    # A lost mark is looked for where it was last seen.
-    seen = np.isfinite(shown.warp)
-    before, last = np.where(seen, state.last, state.before), np.where(seen, shown.warp, state.last)
-    picture = sample(image)
-    same = np.array_equal(picture, state.picture)
-    return _row(shown, unknown, same=same), FrameState(last, before, memory, picture)
+class _Sighting(NamedTuple):
+    """Marks (p) in one picture, or (t,p) in a film; each way of following writes into the arrays."""
 
-
-@dataclass(frozen=True)
-class _Shown:
-    """What one picture shows of p marks; filled in place, a lost mark stays as in `nothing`."""
-
-    warp: Array  # (p,3,3) local to ideal px
+    warp: Array  # (p,3,3) local to ideal px; NaN for a lost mark
     match: Array  # (p,) correlation; for a dot the variance of its contour, for an adjusted mark its growth
     method: NDArray[np.int8]  # (p,) of `Method`
     spread: Array  # (p,2,2) px2, covariance of corners and adjusted marks, or of a dot for unit variance
-    leaning: Array  # (p,2) of `uneven.lean`
+    leaning: Array  # (p,2) of `influence.lean`
+    unknown: NDArray[np.bool_]  # (p,) dots that have lost their name
+    same: NDArray[np.bool_]  # () the picture is the one before it
+    there: NDArray[np.bool_]  # () the frame can be decoded
 
     @classmethod
-    def nothing(cls, count: int) -> "_Shown":
-        """No mark at all."""
+    def none(cls, count: int, *, there: bool = True) -> "_Sighting":
+        """Sighting of no mark at all."""
         return cls(
             np.full((count, 3, 3), np.nan),
             np.zeros(count),
             np.full(count, Method.LOST, dtype=np.int8),
             np.full((count, 2, 2), np.nan),
             np.full((count, 2), np.nan),
+            np.zeros(count, dtype=bool),
+            np.array(False),
+            np.array(there),
         )
 
 
-def _row(shown: _Shown, unknown: NDArray[np.bool_], *, same: bool, there: bool = True) -> Row:
-    """A row of the film.
-
-    unknown: (p,) dots that have lost their name.   same: whether the picture is the one before it.
-    there: whether the frame can be decoded.
-    """
-    own = (shown.warp, shown.match, shown.method, shown.spread, shown.leaning)
-    return (*own, unknown, np.array(same), np.array(there))
+def _next(image: Image, follower: Follower, state: FrameState) -> tuple[Row, FrameState]:
+    """Sighting of all marks in one picture, and the state after it."""
+    sighting = _coded(image, follower, state)
+    memory = _dots(image, follower, state.memory, sighting)
+    sighting.unknown[memory.rows] = memory.open
+    # A lost mark is looked for where it was last seen.
+    seen = np.isfinite(sighting.warp)
+    before, last = np.where(seen, state.last, state.before), np.where(seen, sighting.warp, state.last)
+    picture = sample(image)
+    same = np.array(np.array_equal(picture, state.picture))
+    return sighting._replace(same=same), FrameState(last, before, memory, picture)
 
 
 def _predict(last: Array, before: Array) -> Array:
@@ -175,7 +169,7 @@ def _predict(last: Array, before: Array) -> Array:
 
 
 def _advance(last: Array, before: Array) -> Array:
-    """The same turn about the mark's centre and the same shift once more."""
+    """Warps (p,3,3) after the last turn about the mark's centre and the last shift once more."""
     turn = last[:, :2, :2] @ np.linalg.inv(before[:, :2, :2])
     guess = last.copy()
     guess[:, :2, :2] = turn @ last[:, :2, :2]
@@ -183,38 +177,38 @@ def _advance(last: Array, before: Array) -> Array:
     return guess
 
 
-def _coded(image: Image, follower: Follower, state: FrameState) -> _Shown:
+def _coded(image: Image, follower: Follower, state: FrameState) -> _Sighting:
     """The coded marks in one picture: from where they were, from their codes, or by a fallback."""
-    guess, shown = _predict(state.last, state.before), _Shown.nothing(len(follower.marks))
+    guess, sighting = _predict(state.last, state.before), _Sighting.none(len(follower.marks))
     rows = np.flatnonzero(np.isfinite(guess[follower.coded, 0, 0]))
-    _lay(image, follower, rows, guess, Method.REGISTERED, shown)
-    failed = [i for i in rows.tolist() if shown.method[follower.coded[i]] == Method.LOST]
+    _lay(image, follower, rows, guess, Method.REGISTERED, sighting)
+    failed = [i for i in rows.tolist() if sighting.method[follower.coded[i]] == Method.LOST]
     if not failed:
-        return shown
+        return sighting
     quads = _quads(image, follower, failed)
     for i, corners in quads.items():
         guess[follower.coded[i]] = corner_warp(corners)
-    _lay(image, follower, np.array(list(quads), dtype=np.intp), guess, Method.FOUND_AGAIN, shown)
+    _lay(image, follower, np.array(list(quads), dtype=np.intp), guess, Method.FOUND_AGAIN, sighting)
     for i in failed:
         p = int(follower.coded[i])
-        if shown.method[p] == Method.LOST:
+        if sighting.method[p] == Method.LOST:
             place = fallback.place(image, follower, i, guess[p], quads.get(i), state.last[p])
-            shown.warp[p], shown.match[p], shown.method[p], shown.spread[p] = place
-    return shown
+            sighting.warp[p], sighting.match[p], sighting.method[p], sighting.spread[p] = place
+    return sighting
 
 
 def _quads(image: Image, follower: Follower, failed: Sequence[int]) -> dict[int, Array]:
     """Corners (4,2) ideal px of some coded marks, by their row among these, where their codes are read."""
-    found, codes = detect(image, follower.dictionary)[0], codes_of(follower.marks)
+    quads, codes = detect(image, follower.dictionary)[0], codes_of(follower.marks)
     return {
-        i: follower.camera.undistort(found[code])
+        i: follower.camera.undistort(quads[code])
         for i in failed
-        if (code := codes.get(int(follower.coded[i]))) is not None and code in found
+        if (code := codes.get(int(follower.coded[i]))) is not None and code in quads
     }
 
 
 def _lay(
-    image: Image, follower: Follower, rows: NDArray[np.intp], guess: Array, way: Method, shown: _Shown
+    image: Image, follower: Follower, rows: NDArray[np.intp], guess: Array, by: Method, sighting: _Sighting
 ) -> None:
     """Register some coded marks from their guesses; those that correlate well enough are written."""
     marks = follower.coded[rows]
@@ -229,17 +223,17 @@ def _lay(
         rows,
     )
     good = correlation > follower.least[rows]
-    kept = marks[good]
-    shown.warp[kept], shown.match[kept], shown.method[kept] = laid[good], correlation[good], way
-    shown.leaning[kept] = influence.lean(
+    firm = marks[good]
+    sighting.warp[firm], sighting.match[firm], sighting.method[firm] = laid[good], correlation[good], by
+    sighting.leaning[firm] = influence.lean(
         follower.quarters, rows[good], sums[good], linear_at_centre(laid[good])
     )
-    _adjust(image, follower, rows, laid, correlation, grey, shown)
+    _adjust(image, follower, rows, laid, correlation, grey, sighting)
 
 
 def _adjust(
     image: Image, follower: Follower, rows: NDArray[np.intp], laid: Array, match: Array, grey: Array,
-    shown: _Shown,
+    sighting: _Sighting,
 ) -> None:  # fmt: skip
     """Write those coded marks whose blur and light explain what registration leaves of them."""
     much = (match > SURE) & (1.0 - match**2 > blurred.EXCESS * follower.usual[rows])
@@ -248,11 +242,11 @@ def _adjust(
         image, registration.lens_of(follower.camera), follower.templates, follower.spectra, rows,
         start=laid[much], usual=follower.usual[rows], match=match[much], grey=grey[much],
     )  # fmt: skip
-    for row, found in zip(rows, each, strict=True):
-        if found is not None and np.sqrt(1.0 - found.left) > follower.least[row]:
+    for row, fit in zip(rows, each, strict=True):
+        if fit is not None and np.sqrt(1.0 - fit.left) > follower.least[row]:
             p = follower.coded[row]
-            shown.warp[p], shown.match[p], shown.method[p] = found.warp, found.growth, Method.ADJUSTED
-            shown.spread[p], shown.leaning[p] = found.covariance, found.leaning
+            sighting.warp[p], sighting.match[p], sighting.method[p] = fit.warp, fit.growth, Method.ADJUSTED
+            sighting.spread[p], sighting.leaning[p] = fit.covariance, fit.leaning
 
 
 def _memory(follower: Follower) -> DotMemory:
@@ -268,15 +262,15 @@ def _memory(follower: Follower) -> DotMemory:
     )
 
 
-def _dots(image: Image, follower: Follower, memory: DotMemory, shown: _Shown) -> DotMemory:
+def _dots(image: Image, follower: Follower, memory: DotMemory, sighting: _Sighting) -> DotMemory:
     """Write the dots beside the coded marks; their new memory."""
     if not len(memory.rows):
         return memory
-    memory, dots = follow_dots(image, follower.camera, memory, shown.warp[:, :2, 2])
+    memory, dots = follow_dots(image, follower.camera, memory, sighting.warp[:, :2, 2])
     for p, dot in zip(memory.rows, dots, strict=True):
         if dot is not None:
-            shown.warp[p] = dot_warp(dot.centre, follower.dots[p].radius)
-            shown.match[p], shown.method[p], shown.spread[p] = dot.variance, Method.DOT, dot.spread
+            sighting.warp[p] = dot_warp(dot.centre, follower.dots[p].radius)
+            sighting.match[p], sighting.method[p], sighting.spread[p] = dot.variance, Method.DOT, dot.spread
     return memory
 
 
@@ -287,10 +281,9 @@ def _straighten(follower: Follower, ideal: Array) -> None:
     nominal = np.array([mark.position for mark in follower.marks])[frame][:, [0, 2]]
     homography = homographies(nominal, ideal[:, frame])
     radius = np.array([0.5 * follower.marks[p].size_mm for p in dots])
-    known = np.isfinite(homography[:, 0, 0])
-    place = to_plane(homography[known], ideal[known][:, dots])
-    off = eccentricity(homography[known][:, None], place, radius)
-    ideal[np.ix_(known, dots)] -= off
+    finite = np.isfinite(homography[:, 0, 0])
+    place = to_plane(homography[finite], ideal[finite][:, dots])
+    ideal[np.ix_(finite, dots)] -= eccentricity(homography[finite][:, None], place, radius)
 
 
 def _covariance(
@@ -305,10 +298,10 @@ def _covariance(
         follower.templates, linear_at_centre(warp[:, follower.coded]), match[:, follower.coded]
     )
     covariance[method == Method.ECC] *= ECC_SD**2
-    given = np.isin(method, (Method.CORNERS, Method.ADJUSTED))
-    covariance[given] = spread[given]
+    stored = np.isin(method, (Method.CORNERS, Method.ADJUSTED))
+    covariance[stored] = spread[stored]
     dots = np.setdiff1d(np.arange(len(follower.marks)), follower.coded)
-    seen, own = np.isfinite(warp[:, dots, 0, 0]), match[:, dots]
-    usual = np.sum(own * seen, axis=0) / np.maximum(seen.sum(axis=0), 1)
-    covariance[:, dots] = spread[:, dots] * (usual + (own - usual) / POOLED)[..., None, None]
+    seen, contour = np.isfinite(warp[:, dots, 0, 0]), match[:, dots]
+    usual = np.sum(contour * seen, axis=0) / np.maximum(seen.sum(axis=0), 1)
+    covariance[:, dots] = spread[:, dots] * (usual + (contour - usual) / POOLED)[..., None, None]
     return covariance

@@ -1,4 +1,4 @@
-"""Where marks were seen in a film, and how each was placed: the records that everything later reads."""
+"""Tracks of marks in a film, and the method that placed each: the records that everything later reads."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from vision.plane import homographies
 
 
 class Method(IntEnum):
-    """Ways to place a mark; the numbers are those of the stored arrays."""
+    """Ways to place a mark; stored arrays hold their numbers."""
 
     LOST = 0
     REGISTERED = 1  # from where it was in the last frame
@@ -31,7 +31,7 @@ COARSE = (Method.ECC, Method.CORNERS, Method.BY_HAND)  # less certain than regis
 
 @dataclass(frozen=True, kw_only=True)
 class Tracks:
-    """Where every mark is in every frame of the film; NaN where it is lost."""
+    """Place of every mark in every frame of the film; NaN where it is lost."""
 
     time: Array  # (t,) s
     names: tuple[str, ...]  # (p,) all marks, those of the frame too
@@ -61,7 +61,7 @@ class Followed:
 
 
 def thinned(followed: Followed, steps: NDArray[np.intp]) -> Followed:
-    """What was followed in some frames, which hold the reference."""
+    """The tracks in some frames, which hold the reference."""
     if len(steps) == len(followed.time):
         return followed
     return replace(

@@ -91,8 +91,8 @@ def measure(
     how = How(dictionary, reference, progress, keeper, stated.frame_mm, stated.placement_mm)
     seen = [look(v, marks, how, camera=f"-{c + 1}" if rig else "") for c, v in enumerate(views)]
     rest = mean_seen(seen[0].film.ideal[seen[0].film.reference])
-    every, said = without_odd(frame_fit(marks, rest, sd_mm=stated.frame_mm), marks)
-    seen[0] = replace(seen[0], remarks=(*seen[0].remarks, *said))
+    every, remark = without_odd(frame_fit(marks, rest, sd_mm=stated.frame_mm), marks)
+    seen[0] = replace(seen[0], remarks=(*seen[0].remarks, *remark))
     if face is not None:
         seen[0], every = with_face(seen[0], views[0], every, face, how)
     result = displacements_of(seen, every, rig=rig, stated=stated, steps=steps)
@@ -190,11 +190,11 @@ def _check_measured(result: Displacements, view: View) -> None:
 
 def _check_marks(marks: Sequence[Mark]) -> None:
     check_names(marks)
-    for role, wanted in (("frame", MIN_FRAME), ("fixed", MIN_FIXED), ("finger", 1)):
+    for role, least in (("frame", MIN_FRAME), ("fixed", MIN_FIXED), ("finger", 1)):
         count = sum(mark.role == role for mark in marks)
-        if count < wanted:
+        if count < least:
             raise ValueError(
-                f"{count} markers have the role {role!r}, wanted at least {wanted}: add some in the "
+                f"{count} markers have the role {role!r}, wanted at least {least}: add some in the "
                 "finger's plane"
             )
     y = [mark.position[1] for mark in marks if mark.role == "frame"]
@@ -209,8 +209,8 @@ def _covariance(placed: Placed, there: NDArray[np.bool_]) -> Array:
     """Independent covariance (s,p,3,3) mm2, correlated between the axes as at rest."""
     variance: Array = sum(placed.variance.values(), np.zeros(placed.value.shape))
     sd, count = np.sqrt(variance), len(placed.noise.sd)
-    own = placed.noise.correlation.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
-    covariance = sd[..., :, None] * sd[..., None, :] * own
+    correlation = placed.noise.correlation.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
+    covariance = sd[..., :, None] * sd[..., None, :] * correlation
     covariance[~there] = np.nan
     return np.asarray(covariance)
 
@@ -258,35 +258,35 @@ def _by_camera(each: Sequence[Sequence[str]]) -> tuple[str, ...]:
 
 
 def _lost_marks(seen: Seen, marks: Sequence[Mark]) -> list[str]:
-    film, said = seen.film, []
+    film, sentences = seen.film, []
     for p, mark in enumerate(marks):
         gone = film.time[film.method[:, p] == Method.LOST]
         if len(gone):
-            said.append(
+            sentences.append(
                 f"Marker {mark.name!r} is lost in {len(gone)} of {len(film.time)} frames, from {gone[0]:.3f} "
                 f"to {gone[-1]:.3f} s: there it has no displacement."
             )
-    return said
+    return sentences
 
 
 def _fallen_back(seen: Seen, marks: Sequence[Mark]) -> list[str]:
-    film, said = seen.film, []
+    film, sentences = seen.film, []
     for p, mark in enumerate(marks):
-        for method, way in FALLBACKS.items():
+        for method, means in FALLBACKS.items():
             used = film.time[film.method[:, p] == method]
             if len(used):
-                said.append(
+                sentences.append(
                     f"Marker {mark.name!r} does not match its reference picture in {len(used)} of "
-                    f"{len(film.time)} frames, first at {used[0]:.3f} s. It is placed by {way} there, with "
+                    f"{len(film.time)} frames, first at {used[0]:.3f} s. It is placed by {means} there, with "
                     "a larger sd."
                 )
         soft = film.time[film.method[:, p] == Method.ADJUSTED]
         if len(soft):
-            said.append(
+            sentences.append(
                 f"Marker {mark.name!r} is more blurred than at rest, or lit along a slope, in {len(soft)} of "
                 f"{len(film.time)} frames, first at {soft[0]:.3f} s. Both are fitted beside its place there."
             )
-    return said
+    return sentences
 
 
 def _blind(seen: Seen, marks: Sequence[Mark]) -> tuple[str, ...]:

@@ -38,7 +38,11 @@ LEAST_PX = 15.0  # side of a subset
 
 @dataclass(frozen=True)
 class Face:
-    """A flat speckled part of the finger at rest, and how it is cut up."""
+    """A flat speckled part of the finger at rest, and how it is cut up.
+
+    >>> Face((0.0, -5.0), (20.0, 5.0), y=11.5, step_mm=10.0, subset_mm=8.0).points().tolist()
+    [[4.0, -1.0], [14.0, -1.0]]
+    """
 
     low: tuple[float, float]  # mm, smallest x and z of the speckles
     high: tuple[float, float]  # mm, largest x and z
@@ -65,7 +69,7 @@ class Face:
 
 
 def with_face(seen: Seen, view: View, marks: Sequence[Mark], face: Face, how: How) -> tuple[Seen, list[Mark]]:
-    """What the camera saw with the face's subsets as more marks, named face001, face002 and so on.
+    """The camera's sightings with the face's subsets as more marks, named face001, face002 and so on.
 
     face: where the speckles are at rest. Placement, node, height and motion out of the plane are one error
     for all of it.
@@ -75,9 +79,12 @@ def with_face(seen: Seen, view: View, marks: Sequence[Mark], face: Face, how: Ho
     frame, _ = rows_of(marks)
     height = face.y - float(np.mean([marks[p].position[1] for p in frame]))
     still, film = (
-        _joined(own, _follow(video, seen.camera, own, homography, face, height, how, stage))
-        for video, own, stage in ((view.static, seen.still, "static-face"), (view.film, seen.film, "face"))
-        for homography in [own.homography(marks)]
+        _joined(followed, _follow(video, seen.camera, followed, homography, face, height, how, stage))
+        for video, followed, stage in (
+            (view.static, seen.still, "static-face"),
+            (view.film, seen.film, "face"),
+        )
+        for homography in [followed.homography(marks)]
     )
     kind = FacePoint(face.subset_mm)
     spots = [
@@ -88,7 +95,7 @@ def with_face(seen: Seen, view: View, marks: Sequence[Mark], face: Face, how: Ho
 
 
 def smooth(image: Image) -> NDArray[np.float32]:
-    """The picture as it is matched: blurred by BLUR_PX."""
+    """The picture for matching: blurred by BLUR_PX."""
     return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX), dtype=np.float32)
 
 
@@ -224,10 +231,10 @@ def find_subsets(
         good = [q for q in near[p] if match[q] >= MIN_CORRELATION]
         if good:  # as the neighbour moved since the start
             guess = (warp[good[0]] @ np.linalg.inv(rest[good[0]]) @ rest[p])[None]
-            again, found = registration.register(
+            again, correlation = registration.register(
                 picture, lens, templates, guess / guess[:, 2:, 2:], px_per_unit(guess), every[p : p + 1]
             )
-            warp[p], match[p] = again[0], found[0]
+            warp[p], match[p] = again[0], correlation[0]
     lost = match < MIN_CORRELATION
     last = np.where(lost[:, None, None], last, warp)
     warp[lost], match[lost] = np.nan, np.nan

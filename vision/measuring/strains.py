@@ -47,21 +47,21 @@ def strain_field(
     does where compression adds to it. Motion towards the camera adds what `seeming_strain` says.
     """
     output = rows_of(marks)[1]
-    kept = [k for k, p in enumerate(output) if isinstance(marks[p].kind, FacePoint)]
-    if not kept:
+    rows = [k for k, p in enumerate(output) if isinstance(marks[p].kind, FacePoint)]
+    if not rows:
         return None
-    face = [output[k] for k in kept]
+    face = [output[k] for k in rows]
     plane = seen.film.homography(marks)
     still = green_lagrange(linear_maps(seen.still, seen.still.homography(marks))[:, face])
     value = green_lagrange(linear_maps(seen.film, plane)[steps][:, face])
-    shown = np.isfinite(still[..., 0]).sum(axis=0)
-    scatter = np.sqrt(np.nansum((still - mean_seen(still)) ** 2, axis=0) / np.maximum(shown - 1, 1)[:, None])
-    usual, coded = noise.sd[kept][:, [0, 2]], np.nan_to_num(noise.codec_sd[kept][:, [0, 2]])
+    frames = np.isfinite(still[..., 0]).sum(axis=0)
+    scatter = np.sqrt(np.nansum((still - mean_seen(still)) ** 2, axis=0) / np.maximum(frames - 1, 1)[:, None])
+    usual, coded = noise.sd[rows][:, [0, 2]], np.nan_to_num(noise.codec_sd[rows][:, [0, 2]])
     grown = np.sqrt(
         1.0 + np.mean(coded**2 / usual**2, axis=1) + noise.persistence.of_mean(len(seen.film.reference))
     )
     away = viewpoint(seen.camera, plane).distance - heights(marks, rows_of(marks)[0])[face]
-    nearer = out_of_plane_mm * planeerrors.bulge(moved[:, kept]) / np.abs(away)
+    nearer = out_of_plane_mm * planeerrors.bulge(moved[:, rows]) / np.abs(away)
     return StrainField(
         time=seen.film.time[steps],
         names=tuple(marks[p].name for p in face),
@@ -81,7 +81,14 @@ def seeming_strain(strain: Array, nearer: Array) -> Array:
 
 
 def green_lagrange(gradient: Array) -> Array:
-    """Strain (...,3) xx, zz, xz of deformation gradients (...,2,2) in x and z: no rotation is in it."""
+    """Strain (...,3) xx, zz, xz of deformation gradients (...,2,2) in x and z: no rotation is in it.
+
+    >>> green_lagrange(np.array([[1.1, 0.0], [0.0, 0.95]]))  # stretches of 1.1 and 0.95: (F'F - 1) / 2
+    array([ 0.105  , -0.04875,  0.     ])
+    >>> turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    >>> green_lagrange(turn @ np.array([[1.1, 0.0], [0.0, 0.95]]))
+    array([ 0.105  , -0.04875,  0.     ])
+    """
     strain = 0.5 * (np.swapaxes(gradient, -1, -2) @ gradient - np.eye(2))
     return np.stack([strain[..., 0, 0], strain[..., 1, 1], strain[..., 0, 1]], axis=-1)
 
@@ -90,9 +97,9 @@ def to_csv(field: StrainField) -> str:
     """The field as CSV: one row a time and point."""
     rows = ["time_s,point,x_mm,z_mm," + ",".join((*COMPONENTS, *(f"sd_{name}" for name in COMPONENTS)))]
     for time, strain, sds in zip(field.time, field.value, field.sd, strict=True):
-        for name, place, own, sd in zip(field.names, field.points, strain, sds, strict=True):
-            if np.isfinite(own[0]):
-                cells = ",".join(f"{v:.6g}" for v in (place[0], place[2], *own, *sd))
+        for name, place, values, sd in zip(field.names, field.points, strain, sds, strict=True):
+            if np.isfinite(values[0]):
+                cells = ",".join(f"{v:.6g}" for v in (place[0], place[2], *values, *sd))
                 rows.append(f"{time:.6f},{name},{cells}")
     return "\n".join(rows) + "\n"
 

@@ -14,7 +14,7 @@ SHIFT, TURN, SCALE = 0.5, 5e-4, 1e-3  # px, rad, of the picture's size
 
 
 def unsteady(ideal: Array, reference: NDArray[np.intp], time: Array, *, film: str) -> tuple[str, ...]:
-    """One sentence where the picture of the frame marks does not stay as it was at rest; none where it does.
+    """One sentence where the picture of the frame marks does not stay at its rest; none where it does.
 
     ideal: (t,f,2) px of the frame marks, NaN where one is not seen.   reference: (r,) frames of the rest.
     time: (t,) s.
@@ -22,17 +22,17 @@ def unsteady(ideal: Array, reference: NDArray[np.intp], time: Array, *, film: st
     Shift, turn and scale of each frame come from least squares over the marks that it shows (a similarity);
     single frames are judged by the median of five.
     """
-    shown = np.isfinite(ideal[reference, :, 0]).any(axis=0)
-    if shown.sum() < 2:
+    visible = np.isfinite(ideal[reference, :, 0]).any(axis=0)
+    if visible.sum() < 2:
         return ()
-    rest = np.nanmedian(ideal[reference][:, shown], axis=0)
-    motions = np.nan_to_num([_calm(x) for x in _similar(ideal[:, shown], rest)])
-    first = int(np.argmax(np.abs(motions[0])))
+    rest = np.nanmedian(ideal[reference][:, visible], axis=0)
+    motions = np.nan_to_num([_calm(x) for x in _similar(ideal[:, visible], rest)])
+    frame = int(np.argmax(np.abs(motions[0])))
     shift, turned, scaled = map(float, np.abs(motions).max(axis=1))
     if shift < SHIFT and turned < TURN and scaled < SCALE:
         return ()
     return (
-        f"The frame markers move in the picture of {film}: by up to {shift:.2g} px at {time[first]:.2f} s, "
+        f"The frame markers move in the picture of {film}: by up to {shift:.2g} px at {time[frame]:.2f} s, "
         f"turned by up to {np.degrees(turned):.2g} degrees, scaled by up to {100 * scaled:.2g} %. "
         f"{_cause(scaled)} Their plane takes up most of it; the calibration does not hold where the lens "
         "has moved, and the stated errors do not cover that. Film with the stabiliser off, focus and zoom "
@@ -47,7 +47,7 @@ def _cause(scaled: float) -> str:
 
 
 def _similar(ideal: Array, rest: Array) -> tuple[Array, Array, Array]:
-    """How far (t,) px each frame is shifted from the rest (f,2) px, turned (t,) rad, and scaled (t,)."""
+    """Shift (t,) px, turn (t,) rad and scale (t,) of each frame against the rest (f,2) px."""
     seen = np.isfinite(ideal[..., 0])
     w = np.where(seen.sum(axis=1) > 1, seen.T, np.nan).T / np.maximum(seen.sum(axis=1), 1)[:, None]
     now, then = np.nan_to_num(ideal) @ [1, 1j], rest @ [1, 1j]

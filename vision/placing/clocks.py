@@ -24,7 +24,7 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class Track:
-    """Where one camera sees the marks, at its own times."""
+    """Pixels of the marks in one camera, at its own times."""
 
     time: Array  # (t,) s, increasing
     raw: Array  # (t,m,2) raw px; NaN where lost
@@ -36,7 +36,12 @@ class Track:
 
     def at(self, when: Array) -> Array:
         """Raw pixels (s,m,2) at other times (s,) s: a cubic through four frames, where one of them is lost a
-        line, NaN in gaps and beyond the ends."""
+        line, NaN in gaps and beyond the ends.
+
+        >>> track = Track(np.arange(6.0), np.arange(6.0)[:, None, None] ** 2 * [[[1.0, 2.0]]])
+        >>> track.at(np.array([2.5]))
+        array([[[ 6.25, 12.5 ]]])
+        """
         last = len(self.time) - 1
         k = np.clip(np.searchsorted(self.time, when) - 1, 0, last - 1)
         step = self.time[k + 1] - self.time[k]
@@ -65,23 +70,23 @@ def _mixed(raw: Array, frames: Sequence[NDArray[np.intp]], shares: Sequence[Arra
 def _lagrange(times: Sequence[Array], when: Array) -> list[Array]:
     """Weights of values at four times for the cubic's value; meaningless where two times are equal."""
     weights = []
-    for i, own in enumerate(times):
+    for i, t_i in enumerate(times):
         weight = np.ones(len(when))
-        for j, other in enumerate(times):
+        for j, t_j in enumerate(times):
             if j != i:
-                apart = own - other
-                weight = weight * (when - other) / np.where(apart == 0.0, 1.0, apart)
+                apart = t_i - t_j
+                weight = weight * (when - t_j) / np.where(apart == 0.0, 1.0, apart)
         weights.append(weight)
     return weights
 
 
 def joined(sight: Sight, tracks: Sequence[Track], when: Array, lag: Array) -> Sight:
-    """What is seen at times (s,) s of the first camera, the others read `lag` (c,) s later."""
+    """Sightings at times (s,) s of the first camera, the others read `lag` (c,) s later."""
     return replace(sight, raw=np.array([t.at(when + d) for t, d in zip(tracks, lag, strict=True)]))
 
 
 def lags(rig: Rig, sight: Sight, tracks: Sequence[Track], when: Array) -> tuple[Array, Array]:
-    """How much later than stamped each camera but the first saw what it shows, (c,) s, and its sd (c,) s.
+    """Lag (c,) in s of each camera behind its time stamps, 0 for the first, and its sd (c,) s.
 
     A camera that is late moves a mark off the epipolar line by its speed times the lag. Least squares of what
     the distances from the lines change by since the reference; the sd from how the marks' own lags scatter
@@ -96,8 +101,8 @@ def lags(rig: Rig, sight: Sight, tracks: Sequence[Track], when: Array) -> tuple[
         for _ in range(ROUNDS):
             now, ahead = (_off_lines(rig, joined(sight, tracks, when, lag + d)) for d in (0.0 * step, step))
             slope = (ahead - now) / step[k]
-            known = np.isfinite(slope) & np.isfinite(now)
-            slope, error = np.where(known, slope, 0.0), np.where(known, now, 0.0)
+            finite = np.isfinite(slope) & np.isfinite(now)
+            slope, error = np.where(finite, slope, 0.0), np.where(finite, now, 0.0)
             each = (slope * error).sum(axis=(0, 1, 3))  # of a mark
             power = float((slope**2).sum()) + 1.0 / widest**2
             change = -float(each.sum()) / power

@@ -29,7 +29,7 @@ from vision.placing.views import Seen
 
 @dataclass(frozen=True, kw_only=True)
 class _Scene:
-    """Where the cameras see the marks, in steps of the first film."""
+    """Marks in the pictures of all cameras, in steps of the first film."""
 
     rig: Rig
     marks: Sequence[Mark]
@@ -129,7 +129,7 @@ def _scene(seen: Sequence[Seen], rig: Rig, marks: Sequence[Mark], steps: NDArray
 
 
 def _usual(followed: Followed) -> Array:
-    """Usual variance (m,) px2 of a mark's centre in each axis; that of the worst mark for a dot."""
+    """Usual variance (m,) px2 of a mark's centre in each axis; the largest of all marks for a dot."""
     size = 0.5 * np.trace(followed.covariance, axis1=2, axis2=3)
     usual = np.array([np.median(x[np.isfinite(x)]) if np.isfinite(x).any() else np.nan for x in size.T])
     worst = np.nanmax(usual) if np.isfinite(usual).any() else 1.0
@@ -137,7 +137,7 @@ def _usual(followed: Followed) -> Array:
 
 
 def _at_rest(sight: Sight, seen: Sequence[Seen]) -> Sight:
-    """The static films, frame by frame; all of it is reference."""
+    """The static films, frame by frame; every frame is reference."""
     count = min(len(s.still.time) for s in seen)
     raw = [s.camera.distort(s.still.ideal[:count]) for s in seen]
     return replace(sight, raw=np.array(raw), reference=np.arange(count))

@@ -1,4 +1,4 @@
-"""What one camera cannot see: heights off the plane, motion towards it, and errors of its calibration."""
+"""Errors that one camera cannot see: heights off the plane, motion towards it, and its calibration."""
 
 from collections.abc import Sequence
 
@@ -52,6 +52,9 @@ def bulge(value: Array) -> Array:
 
     At rest there is none; between, it grows as the square root of the displacement, as the bulge of a
     finger's side face does (half of it is there at 0.3 of the displacement).
+
+    >>> bulge(np.array([[[0.0, 0, 0]], [[0.0, 0, -2.5]], [[0.0, 0, -10.0]]])).ravel()
+    array([0. , 0.5, 1. ])
     """
     size = np.hypot(value[..., 0], value[..., 2])
     top = np.nanmax(size, axis=0, initial=0.0)
@@ -85,8 +88,8 @@ def calibration_modes(
     def value(changed: Camera) -> Array:
         seen = to_plane(homography, changed.undistort(raw))
         rest = seen[reference][:, frame]
-        shown = np.isfinite(rest[..., 0]).any(axis=0)
-        moved = fit_homography(plane[shown], np.nanmean(rest[:, shown], axis=0))
+        visible = np.isfinite(rest[..., 0]).any(axis=0)
+        moved = fit_homography(plane[visible], np.nanmean(rest[:, visible], axis=0))
         place = to_plane(np.tile(moved, (len(seen), 1, 1)), seen[:, points])
         place = to_own_plane(place, height, viewpoint(changed, homography[reference] @ moved))
         start = place[reference]
@@ -101,13 +104,21 @@ def calibration_modes(
 
 
 def principal(covariance: Array) -> Array:
-    """Principal directions (k,n) of a covariance (n,n), 1 sd each: covariance = sum of their squares."""
+    """Principal directions (k,n) of a covariance (n,n), 1 sd each: covariance = sum of their squares.
+
+    >>> covariance = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])  # the third is not fitted
+    >>> steps = principal(covariance)
+    >>> (steps.T @ steps).round(6)
+    array([[4., 1., 0.],
+           [1., 1., 0.],
+           [0., 0., 0.]])
+    """
     sd = np.sqrt(np.diag(covariance))
-    known = sd > 0
-    scale = sd[known]
-    power, direction = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(scale, scale))
+    fitted = sd > 0
+    scale = sd[fitted]
+    power, direction = np.linalg.eigh(covariance[np.ix_(fitted, fitted)] / np.outer(scale, scale))
     steps = np.zeros((len(scale), len(sd)))
-    steps[:, known] = (direction * np.sqrt(np.maximum(power, 0.0))).T * scale
+    steps[:, fitted] = (direction * np.sqrt(np.maximum(power, 0.0))).T * scale
     return steps[::-1]
 
 
@@ -116,23 +127,23 @@ def uncorrelated(errors: Array) -> Array:
     flat = errors.reshape(len(errors), -1)
     power, turn = np.linalg.eigh(flat @ flat.T)
     order = np.argsort(power)[::-1]
-    left = 1.0 - np.cumsum(power[order]) / max(float(power.sum()), 1e-300)
-    kept = order[: int(np.count_nonzero(left > NEGLIGIBLE)) + 1]
-    return np.asarray((turn[:, kept].T @ flat).reshape(-1, *errors.shape[1:]))
+    remainder = 1.0 - np.cumsum(power[order]) / max(float(power.sum()), 1e-300)
+    largest = order[: int(np.count_nonzero(remainder > NEGLIGIBLE)) + 1]
+    return np.asarray((turn[:, largest].T @ flat).reshape(-1, *errors.shape[1:]))
 
 
 def alarms(
     time: Array, size: Array, size_sd: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float
 ) -> tuple[str, ...]:
     """One sentence for each mark whose apparent size says that it left the plane by more than is stated; one
-    for all where those of the rig, which cannot move, say so too.
+    for all where marks of the rig, which cannot move, say so too.
 
     time: (s,) s.   size: (s,p) side against the reference's.   size_sd: (s,p) its sd.
     sd_mm: what is stated as out of plane. A mark nearer by dy looks larger by distance / (distance - dy); a
     tilted one looks smaller, so a smaller one may be either.
     """
     distance = abs(view.distance)  # larger is nearer, on whichever side the camera stands
-    found: dict[int, tuple[int, float, float]] = {}  # row of the mark: step, mm, sd
+    alarmed: dict[int, tuple[int, float, float]] = {}  # row of the mark: step, mm, sd
     for p, mark in enumerate(marks):
         # Skin stretches: that a part of a face grows says nothing of how far away it is.
         if mark.kind.stretches or not np.isfinite(size[:, p]).any():
@@ -142,18 +153,18 @@ def alarms(
         score = np.nan_to_num(np.abs(shift) / np.hypot(sd, sd_mm))
         worst = int(np.argmax(score))
         if score[worst] > ALARM_SD:
-            found[p] = worst, float(shift[worst]), float(sd[worst])
+            alarmed[p] = worst, float(shift[worst]), float(sd[worst])
     rig = [p for p, mark in enumerate(marks) if mark.role == "fixed"]
-    if len(own := [p for p in rig if p in found]) >= max(ON_RIG, AT_ONCE * len(rig)):
-        return (_changed(found, own, time),)
-    return tuple(_alarm(marks[p].name, float(time[at]), mm, sd, sd_mm) for p, (at, mm, sd) in found.items())
+    if len(of_rig := [p for p in rig if p in alarmed]) >= max(ON_RIG, AT_ONCE * len(rig)):
+        return (_changed(alarmed, of_rig, time),)
+    return tuple(_alarm(marks[p].name, float(time[k]), mm, sd, sd_mm) for p, (k, mm, sd) in alarmed.items())
 
 
-def _changed(found: dict[int, tuple[int, float, float]], rig: Sequence[int], time: Array) -> str:
-    larger = sum(shift > 0 for _, shift, _ in found.values()) > 0.5 * len(found)
-    first = min(float(time[found[p][0]]) for p in rig)
+def _changed(alarmed: dict[int, tuple[int, float, float]], rig: Sequence[int], time: Array) -> str:
+    larger = sum(shift > 0 for _, shift, _ in alarmed.values()) > 0.5 * len(alarmed)
+    start = min(float(time[alarmed[p][0]]) for p in rig)
     return (
-        f"{len(found)} markers look {'larger' if larger else 'smaller'} than at rest, as at {first:.3f} s, "
+        f"{len(alarmed)} markers look {'larger' if larger else 'smaller'} than at rest, as at {start:.3f} s, "
         f"and {len(rig)} of them are fixed to the rig, which does not move: the light or the camera changed. "
         "The stated errors do not cover that. Film again with exposure, focus and zoom locked, the "
         "stabiliser off, and steady light."

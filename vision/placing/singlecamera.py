@@ -29,7 +29,7 @@ MAX_HEIGHT = 0.2  # of the camera's distance, for all other marks
 
 @dataclass(frozen=True, kw_only=True)
 class _Scene:
-    """Where the camera sees the marks; rows of arrays are steps."""
+    """Marks in the picture of the camera; rows of arrays are steps."""
 
     camera: Camera
     marks: Sequence[Mark]
@@ -136,7 +136,7 @@ def _variance(scene: _Scene, rest: Rest, worse: Array) -> dict[str, Array]:
 
 
 def _redrawn(seen: Seen, scene: _Scene) -> Named:
-    """What registration and lossy coding err by in a picture that lies elsewhere than at rest."""
+    """Errors of registration and lossy coding in a picture that lies elsewhere than at rest."""
     film, coded = scene.film, float(np.sqrt(np.mean(seen.codec.rest[[0, 2]] ** 2)))
     return sharederrors.redrawn(scene.value, film.ideal[:, scene.points], film.reference, scene.output, coded)
 
@@ -213,9 +213,9 @@ def _reference_sd(noise: NoiseModel, codec: Codec, frames: int) -> tuple[Array, 
     that never moves keeps for the whole film, so that it cancels.
     """
     grown = noise.persistence.of_mean(frames)
-    own = np.maximum(noise.sd**2 - noise.common_sd**2, 0.0) * grown
-    own = np.sqrt(own + np.where(noise.codec_sd > 0, codec.rest**2, 0.0))
-    return np.nan_to_num(own), noise.common_sd * np.sqrt(grown)
+    variance = np.maximum(noise.sd**2 - noise.common_sd**2, 0.0) * grown
+    variance = np.sqrt(variance + np.where(noise.codec_sd > 0, codec.rest**2, 0.0))
+    return np.nan_to_num(variance), noise.common_sd * np.sqrt(grown)
 
 
 def _check_heights(marks: Sequence[Mark], height: Array, view: Viewpoint) -> None:

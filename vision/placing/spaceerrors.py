@@ -1,4 +1,4 @@
-"""What makes places in space uncertain: variances of each value, and errors shared by many."""
+"""Uncertainty of places in space: variances of each value, and errors shared by many."""
 
 from collections.abc import Sequence
 
@@ -70,7 +70,7 @@ def tilt(value: Array, nominal: Array, sd: float) -> Named:
 def clock_modes(
     rig: Rig, sight: Sight, tracks: Sequence[Track], when: Array, lag: Array, sd: Array, value: Array
 ) -> Named:
-    """What is left of the lags of the cameras, sd (c,) s, in the displacements (t,p,3) mm."""
+    """Errors of displacements (t,p,3) mm that remain of the lags of the cameras, sd (c,) s."""
     modes = {}
     for k in np.flatnonzero(sd > 0):
         moved = places_of(rig, joined(sight, tracks, when, lag + sd * np.eye(len(sd))[k]))

@@ -22,7 +22,7 @@ STEPS = 5  # of Gauss-Newton from the rig's pose
 
 @dataclass(frozen=True, kw_only=True)
 class Sight:
-    """What c cameras see of m marks in t frames on one clock."""
+    """Pixels in which c cameras see m marks in t frames on one clock."""
 
     raw: Array  # (c,t,m,2) raw px; NaN where lost
     variance: Array  # (c,m) px2, usual, of a centre
@@ -76,10 +76,10 @@ def _projections(rig: Rig, held: Array, seen: Array) -> Array:
     held: (f,3) mm, the frame marks in the rig's frame; NaN for those that it does not know.
     seen: (c,t,f,2) ideal px, where the cameras see them.
     """
-    known = np.isfinite(held[:, 0])
+    finite = np.isfinite(held[:, 0])
     return np.array([
-        camera.matrix @ _poses(camera.matrix, own, held[known], of_camera[:, known])
-        for camera, own, of_camera in zip(rig.cameras, _rig_poses(rig), seen, strict=True)
+        camera.matrix @ _poses(camera.matrix, pose, held[finite], of_camera[:, finite])
+        for camera, pose, of_camera in zip(rig.cameras, _rig_poses(rig), seen, strict=True)
     ])  # fmt: skip
 
 
@@ -100,19 +100,28 @@ def rigid_fit(points: Array, nominal: Array) -> tuple[Array, Array]:
     """Rotation (3,3) and shift (3,) mm that lay points (n,3) mm on nominal ones (n,3) by least squares.
 
     Points that are NaN are left out. Raises ValueError for fewer than 4, or when they lie on one line.
+
+    >>> nominal = np.array([[0.0, 0, 0], [100, 0, 0], [0, 50, 0], [0, 0, 30]])
+    >>> turn, shift = rigid_fit(nominal @ np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + 5.0, nominal)
+    >>> turn.round(6) + 0.0
+    array([[ 0.,  1.,  0.],
+           [-1.,  0.,  0.],
+           [ 0.,  0.,  1.]])
+    >>> shift.round(6)
+    array([-5.,  5., -5.])
     """
-    known = np.isfinite(points[:, 0])
-    if known.sum() < MIN_VISIBLE:
+    finite = np.isfinite(points[:, 0])
+    if finite.sum() < MIN_VISIBLE:
         raise ValueError(
-            f"{known.sum()} frame markers are seen by two cameras, wanted {MIN_VISIBLE} or more: mount them "
+            f"{finite.sum()} frame markers are seen by two cameras, wanted {MIN_VISIBLE} or more: mount them "
             "where both cameras see them"
         )
-    a, b = points[known] - points[known].mean(axis=0), nominal[known] - nominal[known].mean(axis=0)
+    a, b = points[finite] - points[finite].mean(axis=0), nominal[finite] - nominal[finite].mean(axis=0)
     power = np.linalg.svd(b.T @ a, compute_uv=False)
     if power[1] < 1e-6 * power[0]:
         raise ValueError("the frame markers lie on one line: mount them round the finger")
     turn = Rotation.align_vectors(b, a)[0].as_matrix()
-    return turn, nominal[known].mean(axis=0) - turn @ points[known].mean(axis=0)
+    return turn, nominal[finite].mean(axis=0) - turn @ points[finite].mean(axis=0)
 
 
 def _to_rig(turn: Array, shift: Array) -> Array:

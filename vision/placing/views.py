@@ -1,4 +1,4 @@
-"""What each camera recorded, and what was followed in it: the film, the film at rest, the codec's error."""
+"""Recordings of each camera, and what was followed in them: the film, the film at rest, the codec's error."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ from vision.plane import homographies, to_plane
 
 @dataclass(frozen=True)
 class View:
-    """What one camera recorded."""
+    """Recordings of one camera."""
 
     film: Video  # the test; the finger is at rest at its start
     static: Video  # at least 120 frames of the finger at rest, better 300
@@ -37,7 +37,7 @@ class View:
 
 @dataclass(frozen=True)
 class How:
-    """How films are followed."""
+    """Settings for following films."""
 
     dictionary: str
     reference_s: float
@@ -49,7 +49,7 @@ class How:
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """What one camera saw."""
+    """Tracks and coding error of one camera."""
 
     camera: Camera
     film: Followed
@@ -70,11 +70,11 @@ def check_static(film: Video) -> None:
             f"static film {film.path.name} has {len(film.time)} frames, wanted at least {MIN_STATIC}: film "
             "the finger at rest for longer"
         )
-    first: Image | None = None
+    picture: Image | None = None
     for _, _, image in film.frames():
-        if first is not None and not np.array_equal(image, first):
+        if picture is not None and not np.array_equal(image, picture):
             return
-        first = image
+        picture = image
     raise ValueError(
         f"static film {film.path.name} shows one picture in all {len(film.time)} frames: it has no noise to "
         "tell; wanted a film of the finger at rest as the camera wrote it, not a picture made into a film, "
@@ -83,7 +83,7 @@ def check_static(film: Video) -> None:
 
 
 def look(view: View, marks: Sequence[Mark], how: How, *, camera: str = "") -> Seen:
-    """What one camera saw: where the marks are in the film and the static film, and what coding errs by.
+    """Tracks of one camera: the marks in the film and in the static film, and the error of coding.
 
     camera: what its stages have behind their names, "-2" for the second camera.
 
@@ -135,7 +135,7 @@ def _followed(film: Video, follower: Follower, how: How, stage: str) -> Followed
 
 
 def _rest(followed: Followed, marks: Sequence[Mark], film: Video, *, static: bool) -> tuple[str, ...]:
-    """What `check_rest` says of the finger's marks in the static film, or in the reference of the film."""
+    """Sentences of `check_rest` on the finger's marks in the static film, or in the reference of the film."""
     frames = np.arange(len(followed.time)) if static else followed.reference
     finger, ideal = [p for p, m in enumerate(marks) if m.role == "finger"], followed.ideal[frames]
     place = to_plane(homographies(frame_places(marks), ideal[:, rows_of(marks)[0]]), ideal[:, finger])
@@ -149,5 +149,9 @@ def steps_of(film: Followed, most: int) -> NDArray[np.intp]:
 
 
 def even_steps(count: int, most: int) -> NDArray[np.intp]:
-    """Frames of `count`: all, or `most` even ones."""
+    """Frames of `count`: all, or `most` even ones.
+
+    >>> even_steps(10, 4)
+    array([0, 3, 6, 9])
+    """
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)

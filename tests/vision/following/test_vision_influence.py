@@ -97,7 +97,7 @@ def spoilt(
 def in_a_film(quiet: Array, leaning: Array, plain: Array) -> Array:
     """What is stated of the last third of a film, the first two of which show nothing on the marks."""
     believed = np.concatenate([quiet[..., 0] > 0, quiet[..., 0] > 0, plain])
-    return influence.stated(np.concatenate([quiet, quiet, leaning]), believed)[2 * DRAWS :]
+    return influence.extra_variance(np.concatenate([quiet, quiet, leaning]), believed)[2 * DRAWS :]
 
 
 @pytest.mark.parametrize("paint", [glare, shadow])
@@ -132,7 +132,7 @@ def test_covered_marks_are_given_up_or_stated(lab: Lab, drawn: tuple[Array, Foll
 
 def test_nothing_on_the_marks_is_stated_as_nothing(lab: Lab, drawn: tuple[Array, Follower]) -> None:
     error, usual, leaning, _ = spoilt(lab, drawn, nothing)
-    more = influence.stated(leaning, np.ones(leaning.shape[:2], dtype=bool))
+    more = influence.extra_variance(leaning, np.ones(leaning.shape[:2], dtype=bool))
     assert np.count_nonzero(more) <= 2  # of 325, where 0.05 % are expected
     # The printed centre and the reference's mean are in it too.
     assert np.sqrt(np.mean(error**2)) < 3.0 * np.sqrt(np.median(usual))
