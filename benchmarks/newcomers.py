@@ -38,7 +38,7 @@ from twin.bench.fits import fit_file
 from twin.bench.workbench import Workbench
 from twin.bodies.finger import FingerTable
 from twin.calibrated.predictions import WantedCourse, followed
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.messages import Silent
 from twin.project.folder import Project, dataset
 from twin.project.toml import with_key

@@ -8,7 +8,7 @@ import numpy as np
 import fe
 from twin import Noise, Targets, diagnose
 from twin.effects.library import effect
-from twin.model.basemodel import base_model
+from twin.model.keptmodel import base_model
 from twin.targets import at_node
 
 SD, LAG = 0.02, 1.0  # mm, of one value; s

@@ -7,8 +7,8 @@ from twin import Test
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.experiments.sensitivity import sobol_indices
-from twin.model.answering import RangedResponse
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel
+from twin.model.rangedresponse import RangedResponse
 
 finger = fe.Finger(length=43.3, bellows=3, tip_node=(43.3, 11.5, 0.0), middle_node=(20.6, 11.5, 0.0))
 case = fe.finger_case(fe.Material(), finger=finger, lattice=fe.Lattice(per_bellow=2, ring=False))

@@ -189,8 +189,8 @@ def test_the_engine_knows_no_folder() -> None:
     rooms_now = {room_of(name).removeprefix("twin.") for name in FILES if name.startswith("twin.")}
     assert rooms_now >= ENGINE, "a room has gone or was renamed: this test would see less than it says"
     assert over_the_wall({name: imports_of(name) for name in FILES if name.startswith("twin.")}) == set()
-    breach = {"twin.judging.record": {"twin.records", "twin.project.folder"}}  # the mutant
-    assert over_the_wall(breach) == {("twin.judging.record", "twin.project.folder")}
+    breach = {"twin.judging.fitrecord": {"twin.records", "twin.project.folder"}}  # the mutant
+    assert over_the_wall(breach) == {("twin.judging.fitrecord", "twin.project.folder")}
 
 
 def test_every_room_says_what_it_is_for() -> None:

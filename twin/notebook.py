@@ -17,8 +17,8 @@ from twin.targets import Array, Targets
 
 if TYPE_CHECKING:
     from calibrate import Fit
-    from twin.model.answering import RangedResponse
     from twin.model.prediction import Model
+    from twin.model.rangedresponse import RangedResponse
     from twin.model.structure import BuiltIn
 
 
@@ -108,8 +108,8 @@ class OpenedProject:
         fit that holds, for a range that no parameter has, and where the model has no equilibrium in it.
         """
         from twin.bench.engines import check_embedded
-        from twin.model.answering import RangedResponse
-        from twin.model.memo import KeptModel
+        from twin.model.keptmodel import KeptModel
+        from twin.model.rangedresponse import RangedResponse
 
         check_embedded(self.project, "response")
         bench, theta = self.bench, self.fit.theta

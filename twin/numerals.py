@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from twin.judging.record import Estimate
+from twin.judging.fitrecord import Estimate
 
 
 def short(value: Any) -> str:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin import files
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.explanation import EvidenceRecord
-from twin.diagnosis.record import DiagnosisRecord
-from twin.judging.record import ComparisonRecord, FitRecord, Interval
+from twin.judging.fitrecord import ComparisonRecord, FitRecord, Interval
 from twin.study.record import Study, page_facts
 
 if TYPE_CHECKING:  # pandas takes a second to import: only who asks for a table pays for it

@@ -22,7 +22,7 @@ import numpy as np
 from calibrate import Fit, Parameter
 from twin.batches.values import SHARE, SUM, values_of
 from twin.commands.batches import Batch, drifts
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 
 BATCHES, SERIES = 8, 200
 RATIOS = (0.0, 0.5, 1.0, 3.0)  # sd between batches over that of measurement, in turn

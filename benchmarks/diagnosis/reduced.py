@@ -443,7 +443,7 @@ class _Surface:
 
     def slipped(self, test: Test) -> Array:
         """What slips add (s, p, 3) mm: a tag sits further along the surface, which turns as the lower edge
-        beside it (`twin.model.slipping` asks the mesh)."""
+        beside it (`twin.model.firstorder` asks the mesh)."""
         out = np.zeros((len(test.path.output), len(test.points), 3))
         for slip in test.slips:
             at = float(np.clip(test.points[slip.row, 0], self.x[0], self.x[-1]))

@@ -19,13 +19,13 @@ from benchmarks.diagnosis.truthbook import displaced, slope
 import numpy as np
 
 from twin import files
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.procedure import diagnose
-from twin.diagnosis.record import DiagnosisRecord
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect, Unsolvable
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import judge
-from twin.model.basemodel import base_model
+from twin.model.keptmodel import base_model
 from twin.targets import Array, PointKind, TargetPoint, Targets
 from twin.virtual.draws import Setup, measured
 from twin.virtual.hidden import KINDS, Kind

@@ -30,12 +30,12 @@ from twin.commands.pareto import ParetoRecord
 from twin.commands.posterior import PosteriorRecord
 from twin.commands.predict import PredictionRecord
 from twin.commands.profile import ProfilesRecord
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.explanation import EvidenceRecord
-from twin.diagnosis.record import DiagnosisRecord
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect
 from twin.effects.requirements import MEANING
-from twin.judging.record import ComparisonRecord, FitRecord
+from twin.judging.fitrecord import ComparisonRecord, FitRecord
 from twin.project.config import Config
 from twin.records import Record
 from twin.study.record import Study

@@ -22,7 +22,7 @@ from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
 from twin.formats.importtable import ImportTable
 from twin.marktables import PointTable
-from twin.model.basemodel import base_model
+from twin.model.keptmodel import base_model
 
 folder = Path(tempfile.mkdtemp())
 SD, LAG = 0.02, 1.0  # mm, of one value; s

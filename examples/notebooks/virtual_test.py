@@ -15,7 +15,7 @@ import numpy as np
 import fe
 from twin import Model, whitener_of
 from twin.effects.library import effect
-from twin.model.basemodel import base_model
+from twin.model.keptmodel import base_model
 from twin.virtual.draws import Setup, at_nodes, measured
 from twin.virtual.protocols import PROTOCOLS, places
 from twin.virtual.truthsolves import displaced

@@ -97,9 +97,9 @@ def _record(folder: Path, file: Path) -> None:
     from twin import files
     from twin.calibrated.caches import SolvedList
     from twin.diagnosis.explanation import EvidenceRecord
-    from twin.diagnosis.record import DiagnosisRecord
+    from twin.diagnosis.diagnosisrecord import DiagnosisRecord
     from twin.inputs.camerarecord import stored_cameras
-    from twin.judging.record import ComparisonRecord, FitRecord
+    from twin.judging.fitrecord import ComparisonRecord, FitRecord
     from twin.project.record import RunRecord
 
     if file.name == "log.jsonl":

@@ -11,8 +11,7 @@ from fe import Case
 from twin import effort
 from twin.effects.library import effect
 from twin.executors.local import Processes
-from twin.model.basemodel import base_model
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel, base_model
 from twin.project.folder import Project
 from twin.report.facts import provenance_of
 from twin.targets import Targets

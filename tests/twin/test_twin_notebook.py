@@ -21,7 +21,7 @@ from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
 from twin.formats.importtable import ImportTable
 from twin.marktables import PointTable
-from twin.model.basemodel import base_model
+from twin.model.keptmodel import base_model
 from twin.model.structure import BuiltIn
 from twin.notebook import OpenedProject
 from twin.project.config import CalibrateTable, Config, ModelTable

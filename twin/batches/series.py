@@ -8,7 +8,7 @@ from twin.batches.former import former_of
 from twin.batches.order import batches_in
 from twin.batches.values import BatchValue, changes_of, values_of
 from twin.bench.fits import fit_file
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.numerals import interval
 from twin.project.folder import Project
 

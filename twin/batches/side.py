@@ -7,7 +7,7 @@ from pathlib import Path
 
 from twin.batches.values import BatchValue
 from twin.bench.fits import fresh
-from twin.judging.record import ComparisonRecord, FitRecord
+from twin.judging.fitrecord import ComparisonRecord, FitRecord
 from twin.project.folder import Project
 from twin.review.merging import write_merged
 from twin.review.recording import write_review

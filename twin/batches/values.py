@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrate import Fit
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.laws.mooneyrivlin import NAMES
 
 SUM, SHARE = "C10 + C01", "C01/(C10 + C01)"

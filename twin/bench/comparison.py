@@ -13,11 +13,11 @@ from calibrate import Fit
 from twin import files
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison, compare
+from twin.judging.fitrecord import UnseenFilm
 from twin.judging.fitting import ModelErrors
 from twin.judging.heldout import unseen
 from twin.judging.judged import Judged, judged_by
 from twin.judging.lawerrors import LawError
-from twin.judging.record import UnseenFilm
 from twin.judging.whitening import LAW
 from twin.messages import Say
 from twin.model.arraycache import code_digest

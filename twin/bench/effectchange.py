@@ -16,9 +16,9 @@ from twin.bench.materialtests import told_of_tests, write_curves
 from twin.bench.provenance import fitted_by
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
+from twin.judging.fitrecord import ComparisonRecord, Estimate, FitRecord, MaterialTestsRow
 from twin.judging.intervals import estimates, fit_record
 from twin.judging.judged import Judged
-from twin.judging.record import ComparisonRecord, Estimate, FitRecord, MaterialTestsRow
 from twin.messages import Say
 from twin.model.prediction import Model
 from twin.numerals import in_words

@@ -6,15 +6,15 @@ from typing import Any
 from twin import files
 from twin.bench.fits import fresh
 from twin.bench.workbench import law_of_project, own_of
-from twin.diagnosis.record import DiagnosisRecord
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.screening import screened
 from twin.diagnosis.signatures import signatures_of
 from twin.effects.labels import AND, OR, name_of
 from twin.effects.library import effect, effects_of
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
+from twin.judging.fitrecord import FitRecord
 from twin.judging.judged import Judged
-from twin.judging.record import FitRecord
 from twin.messages import Say
 from twin.model.prediction import Model
 from twin.project.folder import Project

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 from twin import files
 from twin.chain import DECK, FIT, STAGES, TARGETS, Stage, When, kinds_writing
 from twin.effects.labels import checked_groups, name_of
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.project.folder import Project, kind_of
 from twin.project.staleness import changes
 from twin.records import Record
@@ -137,7 +137,7 @@ def named_effects(project: Project) -> list[str]:
     if path is None:
         why = stale_sentences(project, ("diagnose",), "diagnosis.json")
         raise ValueError(f"{why[0] if why else 'no diagnosis yet'}; run twin diagnose, or name the effect")
-    from twin.diagnosis.record import DiagnosisRecord
+    from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 
     named = files.read(DiagnosisRecord, path).named
     try:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from twin.coupons.pulltest import PullTest
-from twin.judging.record import MaterialTestRow, MaterialTestsRow
+from twin.judging.fitrecord import MaterialTestRow, MaterialTestsRow
 from twin.project.folder import Run
 
 PICTURE = "material-tests.png"

@@ -3,7 +3,7 @@ those of the other, and neither are the constants."""
 
 from hashlib import sha256
 
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.project.folder import Project
 
 

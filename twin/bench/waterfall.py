@@ -6,7 +6,7 @@ from twin import files
 from twin.bench.fits import holds
 from twin.chain import FIT, kinds_writing
 from twin.effects.labels import name_of
-from twin.judging.record import ComparisonRecord, FitRecord
+from twin.judging.fitrecord import ComparisonRecord, FitRecord
 from twin.project.folder import Project, kind_of
 from twin.records import Maybe, Record
 

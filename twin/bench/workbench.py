@@ -20,7 +20,7 @@ from twin.effects.material import Elasticity
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
 from twin.gravity import density
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.laws.catalogue import named_law
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN

@@ -14,9 +14,9 @@ import numpy as np
 from twin.calibrated.predictionerrors import Uncertain, told_by_film
 from twin.calibrated.predictions import HIGH, LOW, SAME, WantedCourse, followed, interval, why_none
 from twin.calibrated.problem import CalibrationProblem
-from twin.effects.acting import OutsideForce
+from twin.effects.standinforces import OutsideForce
 from twin.effects.protocol import Unsolvable
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.targets import Array, Targets
 

@@ -20,10 +20,10 @@ from twin.bodies.kinds import BodyTable
 from twin.calibrated.predictions import HIGH, LOW, turned
 from twin.effects.protocol import Effect, Order, Test, Unsolvable
 from twin.experiments.designs import Variable
-from twin.model.answering import RangedResponse
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel
 from twin.model.objects import RigidObject
 from twin.model.prediction import Model
+from twin.model.rangedresponse import RangedResponse
 from twin.model.structure import BuiltIn, beside, closed, of_body, weighed
 from twin.targets import Array
 

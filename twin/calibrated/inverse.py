@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 from twin.calibrated.predictions import Prediction, WantedCourse, followed, interval, predicted
 from twin.calibrated.problem import CalibrationProblem
 from twin.effects.protocol import Unsolvable
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.targets import Array
 

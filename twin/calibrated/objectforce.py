@@ -15,7 +15,7 @@ from twin.calibrated.predictionerrors import Uncertain, amounts_told
 from twin.calibrated.predictions import NORMAL, SAME, WantedCourse, why_none
 from twin.calibrated.problem import CalibrationProblem
 from twin.gravity import G
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.model.objects import RigidObject
 from twin.model.prediction import Model

@@ -23,13 +23,13 @@ from calibrate.parameters import Array, bounds
 from calibrate.posteriors import Chain, sampled, spread
 from calibrate.priors import Prior
 from twin.calibrated.profiles import Profiler
-from twin.judging.besidefilm import curve_jacobian, curve_residual
+from twin.judging.materialcurves import curve_jacobian, curve_residual
 from twin.judging.fitting import ModelErrors
 from twin.judging.likelihood import priors_of
 from twin.judging.whitening import Whitener
-from twin.model.answering import begun
-from twin.model.answering import spread as even
-from twin.model.memo import KeptModel
+from twin.model.rangedresponse import begun
+from twin.model.rangedresponse import spread as even
+from twin.model.keptmodel import KeptModel
 from twin.model.prediction import Model, Solved, Unsolvable
 from twin.model.response import Surrogate
 from twin.targets import Targets

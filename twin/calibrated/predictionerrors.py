@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from twin.diagnosis.signatures import prior_sd
 from twin.effects.library import effect
-from twin.judging.besidefilm import curve_jacobian, curve_residual
+from twin.judging.fitrecord import FitRecord
 from twin.judging.lawerrors import law_errors
 from twin.judging.likelihood import priors_of, without_gross
-from twin.judging.record import FitRecord
+from twin.judging.materialcurves import curve_jacobian, curve_residual
 from twin.judging.whitening import whitener
 from twin.model.prediction import Model
 from twin.targets import Array, Targets

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from twin.calibrated.predictionerrors import Uncertain, told_by_film
 from twin.calibrated.problem import CalibrationProblem
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.model.prediction import Model
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position

@@ -22,11 +22,11 @@ from twin.effects.protocol import Effect
 from twin.gravity import ways
 from twin.judging.jointfit import agreement
 from twin.judging.judged import Judged, judge, judge_fit
-from twin.judging.lawlevels import with_laws
-from twin.judging.record import MaterialTestsRow
+from twin.judging.lawerrorlevels import with_laws
+from twin.judging.fitrecord import MaterialTestsRow
 from twin.laws.law import Constants, RubberLaw
 from twin.messages import Say
-from twin.model.basemodel import base_model, base_test
+from twin.model.keptmodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
 from twin.model.enginejobs import EngineJobs
 from twin.model.enginemodel import EngineModel

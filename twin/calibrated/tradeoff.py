@@ -23,8 +23,8 @@ from twin.effects.protocol import Unsolvable
 from twin.judging.fitting import ModelErrors, whitened
 from twin.judging.whitening import Whitener
 from twin.messages import Say
-from twin.model.answering import RangedResponse
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel
+from twin.model.rangedresponse import RangedResponse
 from twin.targets import Array, Targets
 
 COMPONENTS = ("U1", "U2", "U3")

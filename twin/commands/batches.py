@@ -18,8 +18,8 @@ from twin.batches.values import BatchValue, values_of
 from twin.bench.fits import fit_file, newest
 from twin.bench.modeldifferences import other_models
 from twin.csvtable import as_text
-from twin.diagnosis.record import NONE, DiagnosisRecord
-from twin.judging.record import FitRecord
+from twin.diagnosis.diagnosisrecord import NONE, DiagnosisRecord
+from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.numerals import interval, short
 from twin.project.folder import Project

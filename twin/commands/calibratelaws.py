@@ -9,7 +9,7 @@ from pydantic import Field
 from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.workbench import Workbench
-from twin.effects.amounts import listed
+from twin.effects.phrases import listed
 from twin.effects.protocol import Unsolvable
 from twin.judging.comparison import ADEQUATE
 from twin.laws.catalogue import LAWS, named_law

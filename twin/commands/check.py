@@ -155,7 +155,7 @@ def check_finger(project: Project, say: Say) -> None:
         if line:
             say(line)
     if project.config.model.deck is not None:
-        from twin.model.lineartets import stiffness_doubt
+        from twin.model.discretisation import stiffness_doubt
 
         for line in (*shape_table(structure), poor_shapes(structure), stiffness_doubt(structure.case)):
             if line:

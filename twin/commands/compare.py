@@ -11,7 +11,7 @@ from twin.bench.comparison import Judgement, kept, write_comparison
 from twin.bench.fits import fit_file, newest_fit
 from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
-from twin.judging.record import ComparisonRecord, MapRow
+from twin.judging.fitrecord import ComparisonRecord, MapRow
 from twin.messages import Say
 from twin.project.folder import Project
 

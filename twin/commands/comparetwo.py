@@ -10,8 +10,8 @@ from twin.batches.side import Laid, write_side_by_side
 from twin.batches.values import BatchChange, BatchValue, changes_of, values_of
 from twin.bench.fits import fit_file, newest
 from twin.bench.modeldifferences import other_effects, other_models
-from twin.diagnosis.record import NONE, DiagnosisRecord
-from twin.judging.record import ComparisonRecord, FitRecord
+from twin.diagnosis.diagnosisrecord import NONE, DiagnosisRecord
+from twin.judging.fitrecord import ComparisonRecord, FitRecord
 from twin.messages import Say
 from twin.numerals import interval, short
 from twin.project.folder import Project

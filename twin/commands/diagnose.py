@@ -11,10 +11,10 @@ from twin.bench.fits import newest_fit
 from twin.bench.priors import check_least_squares
 from twin.bench.workbench import Workbench, law_of_project, own_of
 from twin.diagnosis.deciding import Diagnosis
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord, ForetoldFilm
 from twin.diagnosis.explanation import Explanation, explained
 from twin.diagnosis.hypotheses import Hypothesis
 from twin.diagnosis.procedure import diagnose
-from twin.diagnosis.record import DiagnosisRecord, ForetoldFilm
 from twin.diagnosis.shortlist import LATE
 from twin.effects.labels import name_of
 from twin.effects.library import all_effects, effects_of

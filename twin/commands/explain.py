@@ -12,8 +12,8 @@ from twin.bench.engines import check_embedded
 from twin.bench.fits import newest, newest_fit
 from twin.bench.priors import check_least_squares
 from twin.bench.workbench import Workbench
+from twin.diagnosis.diagnosisrecord import NONE, DiagnosisRecord
 from twin.diagnosis.explanation import explained, table
-from twin.diagnosis.record import NONE, DiagnosisRecord
 from twin.effects.labels import AND, name_of
 from twin.effects.protocol import Effect, Theta
 from twin.judging.judged import Judged

@@ -19,7 +19,7 @@ from twin.calibrated.predictions import Prediction, WantedCourse, predicted
 from twin.commands.predict import asked, check_times, pressure_of
 from twin.effects.protocol import Effect, Order, Test
 from twin.gravity import of_targets
-from twin.judging.record import Estimate, FitRecord
+from twin.judging.fitrecord import Estimate, FitRecord
 from twin.messages import Say
 from twin.project.folder import Project, Run
 from twin.records import Maybe, Record

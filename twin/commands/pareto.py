@@ -16,7 +16,7 @@ from twin.bench.fits import fit_file
 from twin.bench.workbench import Workbench
 from twin.calibrated.tradeoff import Keep, SolvedFit, TradeOff, masks_of, misfits, trade_off
 from twin.drawing.fitplots import draw_front
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.numerals import short
 from twin.project.folder import Project, Run

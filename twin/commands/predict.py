@@ -38,7 +38,7 @@ from twin.effects.protocol import Order
 from twin.gauge.pressurelog import read_log
 from twin.gauge.pressureunits import in_MPa, unit_of
 from twin.gravity import is_heavy
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.model.objects import RigidObject
 from twin.project.folder import Project, Run

@@ -11,8 +11,8 @@ from twin.bench.fits import fit_file, fresh, named_effects, newest, stale_senten
 from twin.bench.modeldifferences import other_effects
 from twin.chain import STAGES, TARGETS, Stage, When, kinds_writing
 from twin.commands.check import check_project
-from twin.diagnosis.record import DiagnosisRecord
-from twin.judging.record import FitRecord
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord
+from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.numerals import in_words
 from twin.project.config import EMBEDDED, LEAST_SQUARES

@@ -1,5 +1,5 @@
 """What every effect promises, and whether one keeps it: `check_effect`, for a user's own effect above all.
 
 Read `promises` first: one function a promise, each gives a sentence where it is broken. `specimen` is the
-small finger on which they are tried, `records` tells whether two records are alike.
+small finger on which they are tried.
 """

@@ -11,8 +11,7 @@ from multiprocessing.reduction import ForkingPickler
 import numpy as np
 
 from calibrate import Parameter
-from twin.contract.records import alike, numbers
-from twin.contract.specimen import Specimen, felt_values, motion, small_test, whole
+from twin.contract.specimen import Specimen, alike, felt_values, motion, numbers, small_test, whole
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
 from twin.effects.requirements import Requirement
 from twin.model.prediction import STEP

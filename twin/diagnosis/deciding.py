@@ -14,7 +14,7 @@ from scipy.special import ndtri
 from twin.diagnosis.classes import Mimics
 from twin.diagnosis.explanation import EvidenceRecord
 from twin.diagnosis.hypotheses import Hypothesis, Refit, ranked
-from twin.diagnosis.lawleft import LawLeft
+from twin.diagnosis.lawresidual import LawLeft
 from twin.diagnosis.shortlist import DETECTED
 from twin.diagnosis.sizes import Detectable
 from twin.effects.labels import AND

@@ -15,10 +15,10 @@ from pydantic import Field
 from calibrate import Parameter
 from twin.effects.protocol import Effect
 from twin.judging.comparison import BRANCHES, PLAUSIBLE, branches
+from twin.judging.fitrecord import Estimate
 from twin.judging.heldout import HeldOut, held_out
 from twin.judging.intervals import estimates
 from twin.judging.judged import Judged
-from twin.judging.record import Estimate
 from twin.judging.whitening import Whitener
 from twin.records import Maybe, Record
 from twin.targets import Array, Targets

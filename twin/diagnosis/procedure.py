@@ -15,7 +15,7 @@ from calibrate import Fit
 from twin.diagnosis.classes import classes_of
 from twin.diagnosis.deciding import Diagnosis, decided
 from twin.diagnosis.hypotheses import Hypothesis, Refit
-from twin.diagnosis.lawleft import left_by_laws
+from twin.diagnosis.lawresidual import left_by_laws
 from twin.diagnosis.refitting import with_effects
 from twin.diagnosis.scaling import scaling_in_words, scaling_of
 from twin.diagnosis.shortlist import LATE, Progress, Task

@@ -13,8 +13,8 @@ from twin.diagnosis.signatures import null, prior_sd
 from twin.effects.protocol import Effect, Theta, Unsolvable
 from twin.judging.heldout import folds
 from twin.judging.judged import Judged, judge
+from twin.judging.lawerrorlevels import Level, asked_for, levels
 from twin.judging.lawerrors import averaged
-from twin.judging.lawlevels import Level, asked_for, levels
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 

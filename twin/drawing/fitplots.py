@@ -18,7 +18,7 @@ from twin.drawing.theme import (
     png,
     style,
 )  # fmt: skip
-from twin.judging.record import MaterialTestRow
+from twin.judging.fitrecord import MaterialTestRow
 from twin.targets import Array
 
 LEAST = 1e-3  # least chi2 above the best on the logarithmic axis

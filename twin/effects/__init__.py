@@ -1,10 +1,9 @@
 """Physical effects: what may be missing from a model, one file for each kind of physics.
 
-Read `protocol` first: an effect is a name, parameters and two pure maps; `widest` is the same physics
-with all its freedom, `parts` that on thirds of the finger, `amounts` puts fitted values into words, and
-`labels` says how effects are named everywhere.
-`library` lists all of them; `material`, `loads`, `pulls`, `shape`, `supports`, `optics`, `clocks` and
-`tags` hold them. `standins` lists plain explanations that are never
-named: `inwords` is what they have in common, `courses`, `acting` and `sightings` hold them.
+Read `protocol` first: an effect is a name, parameters and two pure maps. `library` lists all of them:
+`material`, `loads`, `forces`, `shape`, `supports`, `measurement` (camera and clock) and `markerslip` hold
+them. `families` are their widest laws, amplitudes on a fixed basis; `labels` is the grammar of their names,
+and `phrases` puts fitted values into words. `standins` lists plain explanations that are never named as a
+cause: `standin` is their base class; `standinpressure`, `standinforces` and `standinmotions` hold them.
 `requirements` says what an effect may ask of the data, `ownfiles` and `origin` read a user's own effects.
 """

@@ -3,15 +3,14 @@
 from collections.abc import Sequence
 
 from twin.effects import labels
-from twin.effects.clocks import TimeShift
+from twin.effects.forces import Tube
 from twin.effects.loads import Gravity, PressureGain, PressureLag, PressureOffset
+from twin.effects.markerslip import MarkerSlip
 from twin.effects.material import Compressibility, Creep, Mullins, Stiffening, Thermal
-from twin.effects.optics import CameraRotation, CameraScale, CameraTilt
+from twin.effects.measurement import CameraRotation, CameraScale, CameraTilt, TimeShift
 from twin.effects.protocol import Effect
-from twin.effects.pulls import Tube
 from twin.effects.shape import Ballooning, EccentricCore, Precurvature, SidewaysCore, WallTaper
 from twin.effects.supports import ElasticClamp, StrainLimitingLayer, TableContact
-from twin.effects.tags import MarkerSlip
 from twin.laws.law import RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 

@@ -6,11 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from calibrate import Parameter
-from twin.effects.amounts import listed, number, percent, way
-from twin.effects.parts import Parts
+from twin.effects.families import Parts, Wide, in_logs
+from twin.effects.phrases import listed, number, percent, way
 from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.requirements import Requirement
-from twin.effects.widest import Wide, in_logs
 from twin.gravity import pulls_across
 from twin.targets import Array
 

@@ -8,11 +8,10 @@ import numpy as np
 
 from calibrate import Parameter
 from fe import Material
-from twin.effects.amounts import felt, listed, number, percent, way
-from twin.effects.parts import Parts
+from twin.effects.families import Parts, Wide, in_logs
+from twin.effects.phrases import felt, listed, number, percent, way
 from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.requirements import Requirement
-from twin.effects.widest import Wide, in_logs
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 

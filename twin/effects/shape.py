@@ -13,9 +13,9 @@ from numpy.polynomial.legendre import legval
 from calibrate import Parameter
 from fe import Case
 from fe.mesh.inner import Inside, inside, least_volume_ratio
-from twin.effects.amounts import at_ends, felt, listed, number, way
+from twin.effects.families import Wide, neighbours
+from twin.effects.phrases import at_ends, felt, listed, number, way
 from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable, symmetric
-from twin.effects.widest import Wide, neighbours
 from twin.targets import Array
 
 CORE = 0.5  # mm: a core held at one end sinks or floats by so much (judgement)

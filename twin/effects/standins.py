@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from twin.effects.acting import Fold, Friction, OutsideForce, SoftSpot, Twist
-from twin.effects.courses import PressureCourse, PressureCurve, PressureWay
-from twin.effects.inwords import Span, StandIn
+from twin.effects.markerslip import between
 from twin.effects.protocol import Test
-from twin.effects.sightings import ClampPlay, MarkerJump, MarkerPeel, MountingDrift, WrongPicture
-from twin.effects.tags import between
+from twin.effects.standin import Span, StandIn
+from twin.effects.standinforces import Fold, Friction, OutsideForce, SoftSpot, Twist
+from twin.effects.standinmotions import ClampPlay, MarkerJump, MarkerPeel, MountingDrift, WrongPicture
+from twin.effects.standinpressure import PressureCourse, PressureCurve, PressureWay
 
 FORCES = (0.35, 0.6, 0.8, 1.0)  # of the length from the clamp
 GROWING = RUBBING = ASIDE = (0.6, 1.0)

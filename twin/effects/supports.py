@@ -11,8 +11,8 @@ from fe.case import Contact, Layer
 from fe.element import Integers
 from fe.mesh.refine import free_faces
 from fe.obstacles import Flat
-from twin.effects.amounts import number
-from twin.effects.parts import Parts
+from twin.effects.families import Parts
+from twin.effects.phrases import number
 from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable
 
 

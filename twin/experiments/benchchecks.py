@@ -10,8 +10,8 @@ from itertools import combinations
 
 from twin.effects.labels import AND, kind_of, name_of
 from twin.effects.library import all_effects
+from twin.effects.markerslip import MarkerSlip
 from twin.effects.protocol import Effect
-from twin.effects.tags import MarkerSlip
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from scipy.stats import qmc
 
-from twin.model.answering import spread
+from twin.model.rangedresponse import spread
 from twin.targets import Array
 
 MOST = 100_000  # runs

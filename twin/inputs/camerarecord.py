@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 from pydantic import Field, model_validator
 
 from twin import files
-from twin.judging.record import Rows, check_covariance
+from twin.judging.fitrecord import Rows, check_covariance
 from twin.records import Record
 from twin.tablemodel import Finite, NotNegative
 

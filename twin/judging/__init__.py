@@ -1,12 +1,12 @@
 """Is the model right? A model and targets become a fit, a test of what is left, and intervals.
 
 Read `whitening` first: residuals in mm become independent values of variance 1, by the noise at rest
-(`noisefilter`) and shared errors. `lawerrors` are those of the effects' laws. `fitting` fits parameters to
+(`noisefilter`) and shared errors. `lawerrors` are errors of the effects' laws. `fitting` fits parameters to
 them, under the errors and priors of `likelihood`, and to the rows that tests of the silicone add
-(`besidefilm`); `judged` repeats it until fit and errors belong together, `comparison` tests what is left and
-says where it is; `lawlevels` says how large the laws' errors are, `jointfit` whether film and tests agree.
-`frame` tests the fixed markers, which no model moves. `stillnoise` makes the noise of displacements without a
-static film. `intervals` gives 95 % intervals, `sharederrors` names
-errors that many values share, `heldout` asks what the model foretells of data that it has not seen. `record`
-is what fit.json and comparison.json hold.
+(`materialcurves`); `judged` repeats it until fit and errors belong together, `comparison` tests what is left
+and says where it is; `lawerrorlevels` says how large the laws' errors are, `jointfit` whether film and tests
+agree. `frame` tests the fixed markers, which no model moves. `stillnoise` makes the noise of displacements
+without a static film. `intervals` gives 95 % intervals, `sharederrors` names errors that many values share,
+`heldout` asks what the model foretells of data that it has not seen. `fitrecord` is what fit.json and
+comparison.json hold.
 """

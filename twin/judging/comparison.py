@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibrate import chi2_test, excess, omnibus
+from twin.judging.fitrecord import BeyondRow, ComparisonRecord, MapRow, UnseenFilm
 from twin.judging.lawerrors import memory
-from twin.judging.record import BeyondRow, ComparisonRecord, MapRow, UnseenFilm
 from twin.judging.sharederrors import beyond, in_words
 from twin.judging.whitening import Whitener
 from twin.targets import Array, Targets, relative

@@ -8,9 +8,9 @@ import numpy as np
 
 from calibrate import Fit, least_squares
 from calibrate.fit import Jacobian, Residual
-from twin.judging.besidefilm import beside_film
 from twin.judging.lawerrors import LawError, law_errors
 from twin.judging.likelihood import posed, whitening
+from twin.judging.materialcurves import beside_film
 from twin.judging.whitening import LAW, Whitener, whitener
 from twin.model.prediction import Model, Unsolvable
 from twin.targets import Array, Targets

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from twin.judging.comparison import PLAUSIBLE
+from twin.judging.fitrecord import UnseenFilm
 from twin.judging.fitting import ModelErrors
 from twin.judging.judged import Judged
-from twin.judging.record import UnseenFilm
 from twin.records import Maybe, Record
 from twin.targets import Array, Targets
 

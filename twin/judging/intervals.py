@@ -9,8 +9,8 @@ import numpy as np
 
 from calibrate import Fit, Parameter
 from twin.judging.comparison import Comparison
+from twin.judging.fitrecord import Estimate, FitRecord, Interval, MaterialTestsRow
 from twin.judging.jointfit import doubt_of_tests
-from twin.judging.record import Estimate, FitRecord, Interval, MaterialTestsRow
 
 
 def estimates(

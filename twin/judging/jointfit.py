@@ -9,10 +9,10 @@ from scipy.special import chdtrc
 
 from calibrate import least_squares
 from twin.effects.protocol import Unsolvable
-from twin.judging.besidefilm import curve_jacobian, curve_residual, silicone
 from twin.judging.comparison import ADEQUATE
+from twin.judging.fitrecord import MaterialTestRow, MaterialTestsRow
 from twin.judging.judged import Judged
-from twin.judging.record import MaterialTestRow, MaterialTestsRow
+from twin.judging.materialcurves import curve_jacobian, curve_residual, silicone
 from twin.model.prediction import STEP
 from twin.targets import Array, MaterialCurve, Targets
 

@@ -86,7 +86,7 @@ def judge(
 
     Of several starts the one that ends with the lowest deviance is carried on. evaluations: of one descent.
     turns: steps under rebuilt errors, by default TURNS; with 0 the descent alone. law: by which share of what
-    they add the laws of the model's effects may err, 1 sd (`lawlevels` says which the data ask for).
+    they add the laws of the model's effects may err, 1 sd (`lawerrorlevels` says which the data ask for).
     tolerance: in sds; a fit stays where the errors rebuilt at its end move it by less. Where it does not
     stay, its reason says so. Raises Unsolvable where the model can be solved at no start.
     """

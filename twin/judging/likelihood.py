@@ -12,7 +12,7 @@ from calibrate.fit import Jacobian, Residual
 from calibrate.priors import Prior, rows_beside, with_priors
 from calibrate.profiles import Held
 from calibrate.robust import parted, student, weights
-from twin.judging.record import DownWeighted, PriorRow
+from twin.judging.fitrecord import DownWeighted, PriorRow
 from twin.judging.whitening import Whitener
 from twin.laws.mooneyrivlin import NAMES, WIDEST_SHARE
 from twin.targets import Array, Targets

@@ -7,7 +7,7 @@ a few numbers without unit. So load paths, finer meshes and ridges that are solv
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from typing import Any
 
@@ -206,3 +206,19 @@ class Constants:
 NOTHING: dict[str, Any] = {
     "C10": 0.0, "C01": 0.0, "C20": 0.0, "C30": 0.0, "gent": None, "chains": None, "ogden": (),
 }  # fmt: skip
+
+
+# -- polynomials in the invariants: their constants are fields of a material ---------------------------------
+
+def terms_of(c: Values) -> dict[str, Any]:
+    """The fields of a material."""
+    return dict(c)
+
+
+def _read(names: tuple[str, ...], m: Material) -> dict[str, float]:
+    return {name: float(getattr(m, name)) for name in names}
+
+
+def reader(*names: str) -> Any:
+    """What reads the constants of these names off a material."""
+    return partial(_read, names)

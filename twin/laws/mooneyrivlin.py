@@ -7,8 +7,7 @@ import math
 from typing import Any
 
 from calibrate import Parameter
-from twin.laws.law import MPA, Bounds, Constants, RubberLaw, Shape, Values, ratio
-from twin.laws.polynomials import reader, terms_of
+from twin.laws.law import MPA, Bounds, Constants, RubberLaw, Shape, Values, ratio, reader, terms_of
 
 NAMES = ("C10", "C01")
 LEAST_SHARE = -0.6  # that is stable up to a stretch of 1.63; Ogden's exponent 4 with C20 has -0.5

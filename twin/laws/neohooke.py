@@ -3,8 +3,7 @@
 from typing import Any
 
 from calibrate import Parameter
-from twin.laws.law import MPA, RubberLaw, Values
-from twin.laws.polynomials import reader, terms_of
+from twin.laws.law import MPA, RubberLaw, Values, reader, terms_of
 
 
 def _energy(c: Values, I1: Any, I2: Any, l: Any) -> Any:  # noqa: E741

@@ -19,8 +19,7 @@ from twin.gravity import hangs_aside, is_heavy, pulls_across
 from twin.laws.law import RubberLaw
 from twin.laws.stability import STRETCH, steadiness
 from twin.model.discretisation import Discretisation
-from twin.model.perturbing import Paced, directions, paced, perturbed
-from twin.model.slipping import Known, slipped
+from twin.model.firstorder import Known, Paced, directions, paced, perturbed, slipped
 from twin.targets import Array, relative
 
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps

@@ -24,7 +24,7 @@ from calibrate import Parameter
 from fe import Solution
 from twin.effects.protocol import Effect, Unsolvable
 from twin.model.discretisation import Discretisation
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel
 from twin.model.prediction import Model, Solved
 from twin.model.prediction import Tangents as SolvedTangents
 from twin.targets import Array

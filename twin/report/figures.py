@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from twin import files
-from twin.diagnosis.record import ForetoldFilm
+from twin.diagnosis.diagnosisrecord import ForetoldFilm
 from twin.drawing import plots, studyplots
 from twin.drawing.fitplots import draw_curves
 from twin.report.found import CHANGES, Story, calibration_file

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from twin import files
 from twin.bench.fits import fresh, newest
-from twin.diagnosis.record import NONE, DiagnosisRecord
+from twin.diagnosis.diagnosisrecord import NONE, DiagnosisRecord
 from twin.effects.labels import name_of
-from twin.judging.record import ComparisonRecord, FitRecord
+from twin.judging.fitrecord import ComparisonRecord, FitRecord
 from twin.messages import Say
 from twin.project.folder import Project, Run
 from twin.report.footage import Footage

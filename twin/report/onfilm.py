@@ -15,7 +15,7 @@ from twin.drawing.outlines import edge_rows
 from twin.inputs.camerarecord import stored_cameras
 from twin.inputs.cameras import camera_path
 from twin.inputs.recordings import marks_of
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.model.arraycache import code_digest
 from twin.model.prediction import Solved

@@ -18,8 +18,8 @@ from twin.bench.workbench import Workbench
 from twin.diagnosis.deciding import TIE
 from twin.diagnosis.evidence import occam
 from twin.effects.material import Elasticity
-from twin.judging.besidefilm import curve_jacobian
 from twin.judging.judged import Judged, judge
+from twin.judging.materialcurves import curve_jacobian
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.stability import drucker_limit
 from twin.messages import Say

@@ -11,10 +11,10 @@ from twin.bench.workbench import Workbench
 from twin.bodies.finger import BuiltIn
 from twin.gravity import under
 from twin.judging.comparison import PLAUSIBLE
+from twin.judging.fitrecord import InitialRow
 from twin.judging.fitting import whitener_of
 from twin.judging.judged import Judged
 from twin.judging.likelihood import posed, whitening
-from twin.judging.record import InitialRow
 from twin.judging.whitening import Whitener, whitener
 from twin.laws.law import Constants
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN

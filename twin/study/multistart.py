@@ -6,7 +6,7 @@ import numpy as np
 
 from calibrate import Fit
 from calibrate.starts import SAME, Ended, latin, optima, waterfall
-from twin.judging.record import StartRow
+from twin.judging.fitrecord import StartRow
 from twin.messages import Say
 from twin.numerals import short
 from twin.project.folder import Run

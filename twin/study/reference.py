@@ -15,7 +15,7 @@ from twin.bench.workbench import Workbench
 from twin.drawing import studyplots
 from twin.drawing.studyplots import FINAL, INITIAL
 from twin.judging.fitting import whitener_of
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.laws.law import Constants
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES, NOMINAL, mooney_rivlin
 from twin.messages import Say

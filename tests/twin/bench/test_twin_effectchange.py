@@ -4,7 +4,7 @@ import pytest
 
 from calibrate import Parameter
 from twin.bench.effectchange import _at_null
-from twin.judging.record import Estimate
+from twin.judging.fitrecord import Estimate
 
 SIZE = Parameter("creep.g1", 0.0, 0.5, null=0.0, typical=0.01)
 FACTOR = Parameter("camera_scale.scale", 0.5, 1.5, null=1.0, typical=0.01)

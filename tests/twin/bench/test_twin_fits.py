@@ -11,7 +11,7 @@ from twin import files
 from twin.bench.fits import fresh, named_effects, newest_fit, stale, stale_sentences
 from twin.bench.waterfall import in_words, stairs
 from twin.commands.add import run_add
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.project import staleness
 from twin.project.folder import Project, dataset
 

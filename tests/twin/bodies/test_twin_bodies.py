@@ -19,7 +19,7 @@ from twin.bodies.tube import TubeTable
 from twin.commands.init import run_init
 from twin.effects.library import all_effects, effect
 from twin.effects.protocol import Test
-from twin.model.basemodel import base_test
+from twin.model.keptmodel import base_test
 from twin.project.config import ModelTable
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets

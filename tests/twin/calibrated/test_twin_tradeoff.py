@@ -14,8 +14,7 @@ from twin.calibrated import tradeoff
 from twin.calibrated.tradeoff import Part, SolvedFit, TradeOff, anew, front_of, masks_of
 from twin.commands.pareto import told
 from twin.judging.fitting import ModelErrors
-from twin.model.basemodel import base_model
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel, base_model
 from twin.targets import Array, Targets
 
 

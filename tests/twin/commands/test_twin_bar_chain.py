@@ -19,7 +19,7 @@ from twin.commands.compare import run_compare
 from twin.commands.init import run_init
 from twin.effects.material import Elasticity
 from twin.laws.catalogue import LAWS
-from twin.model.basemodel import base_model
+from twin.model.keptmodel import base_model
 from twin.model.structure import body_case
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets

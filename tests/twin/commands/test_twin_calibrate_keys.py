@@ -15,7 +15,7 @@ from twin import files
 from twin.bench.fits import fit_file
 from twin.commands.calibrate import run_calibrate
 from twin.commands.review import run_review
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets
 

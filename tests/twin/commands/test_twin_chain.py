@@ -37,10 +37,10 @@ from twin.commands.posterior import RunKeeping, run_posterior
 from twin.commands.predict import run_predict
 from twin.commands.profile import run_profile
 from twin.commands.review import run_review
-from twin.effects.acting import OutsideForce
 from twin.effects.library import effect
 from twin.effects.protocol import Test
-from twin.judging.record import Estimate, FitRecord
+from twin.effects.standinforces import OutsideForce
+from twin.judging.fitrecord import Estimate, FitRecord
 from twin.laws.mooneyrivlin import NOMINAL
 from twin.marktables import PointTable
 from twin.model import prediction

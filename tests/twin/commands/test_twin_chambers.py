@@ -22,8 +22,8 @@ from twin.commands.export import run_export
 from twin.commands.init import run_init
 from twin.commands.predict import run_predict
 from twin.commands.predictchambers import filling_notes
-from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import meshes_key
+from twin.model.keptmodel import base_model, base_test
 from twin.model.structure import Structure, skin
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets

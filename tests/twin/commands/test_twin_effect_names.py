@@ -26,7 +26,7 @@ from twin.judging import judged
 from twin.judging.intervals import fit_record
 from twin.marktables import PointTable
 from twin.model import prediction
-from twin.model.basemodel import base_test
+from twin.model.keptmodel import base_test
 from twin.model.structure import BuiltIn
 from twin.project.config import Config
 from twin.project.folder import Project, kind_of

@@ -31,10 +31,10 @@ from twin.commands.review import run_review
 from twin.commands.study import run_study
 from twin.executors.chosen import using
 from twin.executors.local import Processes
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.marktables import PointTable
 from twin.model import enginejobs
-from twin.model.basemodel import base_test
+from twin.model.keptmodel import base_test
 from twin.model.structure import BuiltIn, base_case
 from twin.project.config import CalibrateTable, Config, ModelTable
 from twin.project.folder import Project

@@ -15,7 +15,7 @@ from twin.calibrated.profiles import sd_of
 from twin.commands.calibrate import run_calibrate
 from twin.commands.check import run_check
 from twin.coupons.testtable import MaterialTestTable
-from twin.judging.record import FitRecord, MaterialTestsRow
+from twin.judging.fitrecord import FitRecord, MaterialTestsRow
 from twin.marktables import PointTable
 from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, ProjectTable

@@ -21,7 +21,7 @@ from twin.commands.init import run_init
 from twin.files import read_json
 from twin.formats.meshgroups import deck_of
 from twin.messages import Silent
-from twin.model.lineartets import stiffness_doubt
+from twin.model.discretisation import stiffness_doubt
 from twin.model.structure import of_deck
 from twin.project.folder import Project
 from twin.project.targetwriting import write_targets

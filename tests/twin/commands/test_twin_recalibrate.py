@@ -27,7 +27,7 @@ from twin.commands.recalibrate import run_recalibrate
 from twin.commands.recalibrateall import recalibrate_all
 from twin.commands.trust import run_trust
 from twin.executors.chosen import using
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.marktables import PointTable
 from twin.project.config import Config, ProjectTable
 from twin.project.folder import Project, dataset

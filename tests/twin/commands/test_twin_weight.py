@@ -23,8 +23,8 @@ from twin.messages import Say
 from twin.model import discretisation as mesh_error
 from twin.model import loadpaths
 from twin.model.arraycache import no_cache
-from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import SolvedAt, discretisation_error
+from twin.model.keptmodel import base_model, base_test
 from twin.model.loadpaths import Turned, sheets
 from twin.model.structure import BuiltIn, of_finger, weighed
 from twin.project.config import CalibrateTable, Config, ModelTable, ProjectTable

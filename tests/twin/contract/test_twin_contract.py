@@ -10,11 +10,10 @@ import pytest
 from calibrate import Parameter
 from tests.few import few
 from twin.contract.promises import check_effect
-from twin.contract.records import alike
-from twin.contract.specimen import small_test
+from twin.contract.specimen import alike, small_test
+from twin.effects.families import Wide
 from twin.effects.library import all_effects, effect
 from twin.effects.protocol import Effect, Order, Test, Theta
-from twin.effects.widest import Wide
 from twin.targets import Array
 
 # where their defaults show nothing on the short finger: the table lies 3 mm below it

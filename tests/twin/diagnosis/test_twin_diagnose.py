@@ -15,15 +15,15 @@ from fe import Case, Finger, Lattice, Material
 from tests.few import few
 from twin import virtual
 from twin.diagnosis.deciding import Diagnosis
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.procedure import diagnose
-from twin.diagnosis.record import DiagnosisRecord
 from twin.effects.library import all_effects, effect
 from twin.effects.requirements import lacking
 from twin.files import plain
 from twin.judging.fitting import fit_model, whitener_of
 from twin.laws.mooneyrivlin import mooney_rivlin
-from twin.model.basemodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error
+from twin.model.keptmodel import base_model, base_test
 from twin.model.prediction import Model
 from twin.model.structure import of_finger
 from twin.targets import Array, Targets

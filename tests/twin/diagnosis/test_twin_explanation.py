@@ -13,7 +13,7 @@ from twin.effects.library import effect
 from twin.files import plain
 from twin.judging.heldout import cycles, folds, foretold
 from twin.judging.judged import judge
-from twin.model.basemodel import base_model
+from twin.model.keptmodel import base_model
 from twin.targets import Targets
 
 SD = 5e-4  # mm; the coarse finger moves by 0.4

@@ -9,9 +9,9 @@ import pytest
 from tests.twin.diagnosis.toy import STEPS, Toy, pressure, smooth_field, targets, toy_effect
 from twin.diagnosis import procedure
 from twin.diagnosis.deciding import Diagnosis
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
 from twin.diagnosis.procedure import diagnose
-from twin.diagnosis.record import DiagnosisRecord
 from twin.diagnosis.wording import unrefitted
 from twin.effects.labels import KINDS
 from twin.effects.library import all_effects

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from twin.contract.specimen import small_test
-from twin.effects.clocks import shifted
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
+from twin.effects.measurement import shifted
 from twin.model.prediction import Model, respond
 
 

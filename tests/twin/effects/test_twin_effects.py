@@ -16,7 +16,7 @@ from twin.effects.material import Creep
 from twin.effects.protocol import Effect
 from twin.effects.requirements import lacking
 from twin.effects.supports import TableContact
-from twin.model.basemodel import base_model
+from twin.model.keptmodel import base_model
 from twin.model.prediction import Model, respond
 from twin.targets import Array, Targets
 

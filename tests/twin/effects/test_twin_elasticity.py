@@ -13,8 +13,8 @@ from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Unsolvable
 from twin.laws.mooneyrivlin import LEAST_SHARE
-from twin.model import basemodel
-from twin.model.memo import KeptModel
+from twin.model import keptmodel
+from twin.model.keptmodel import KeptModel
 from twin.model.prediction import Model
 from twin.targets import Array
 
@@ -57,9 +57,9 @@ def test_stability_is_that_of_the_law_with_all_its_terms() -> None:
 
 
 def test_the_base_model_of_targets_takes_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(basemodel, "base_test", lambda targets, case: small_test())
+    monkeypatch.setattr(keptmodel, "base_test", lambda targets, case: small_test())
     targets: Any = SimpleNamespace(rests=np.zeros(5, int), reference=np.array([0]))
-    model = basemodel.base_model(targets, small_test().case)
+    model = keptmodel.base_model(targets, small_test().case)
     assert ends(model.effects[0]) == ends(Elasticity().fitted())
 
 

@@ -8,17 +8,18 @@ import pytest
 from tests.few import few
 from twin.contract.promises import check_effect
 from twin.contract.specimen import small_test, whole
-from twin.effects.acting import Friction, OutsideForce, SoftSpot, Twist
-from twin.effects.courses import PressureWay, stop
-from twin.effects.inwords import Span, StandIn, direction
 from twin.effects.labels import KINDS
 from twin.effects.library import all_effects
+from twin.effects.markerslip import MarkerSlip
 from twin.effects.material import Creep, Elasticity
+from twin.effects.phrases import direction
 from twin.effects.protocol import Test
-from twin.effects.sightings import ClampPlay
+from twin.effects.standin import Span, StandIn
+from twin.effects.standinforces import Friction, OutsideForce, SoftSpot, Twist
+from twin.effects.standinmotions import ClampPlay
+from twin.effects.standinpressure import PressureWay, stop
 from twin.effects.standins import stand_ins
-from twin.effects.tags import MarkerSlip
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel
 from twin.model.prediction import Model, respond
 
 ALL = stand_ins(small_test())

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from fe import Case
-from twin.diagnosis.record import NextTest
+from twin.diagnosis.diagnosisrecord import NextTest
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.experiments.choice import Experiment, Member, in_words, next_experiments, ranked
 from twin.experiments.mimicry import Rows, measured, separation
 from twin.experiments.plannedfilms import Film, heavy, in_film, responses
 from twin.judging.fitting import whitener_of
-from twin.model.basemodel import base_model
 from twin.model.discretisation import Discretisation
+from twin.model.keptmodel import base_model
 from twin.model.prediction import Model
 from twin.targets import Targets
 

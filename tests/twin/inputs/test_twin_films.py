@@ -15,15 +15,15 @@ from twin import files
 from twin.commands.camera import run_camera
 from twin.commands.check import run_check
 from twin.commands.measure import run_measure
-from twin.diagnosis.record import ForetoldFilm
+from twin.diagnosis.diagnosisrecord import ForetoldFilm
 from twin.effects.material import Elasticity
 from twin.inputs import filmcheck
 from twin.inputs.films import BETWEEN_S, FilmTargets, films_of, joined
+from twin.judging.fitrecord import UnseenFilm
 from twin.judging.heldout import unseen
 from twin.judging.judged import judge
-from twin.judging.record import UnseenFilm
 from twin.judging.whitening import whitener
-from twin.model.basemodel import base_model
+from twin.model.keptmodel import base_model
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets

@@ -13,7 +13,7 @@ from fe import Path
 from twin import virtual
 from twin.files import plain
 from twin.judging.comparison import BRANCHES, Comparison, branches, compare
-from twin.judging.record import MapRow
+from twin.judging.fitrecord import MapRow
 from twin.judging.sharederrors import in_words, subject
 from twin.judging.whitening import whitener
 from twin.targets import Array, Targets

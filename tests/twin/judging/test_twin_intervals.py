@@ -10,8 +10,8 @@ import pytest
 from calibrate import Fit, Parameter
 from twin import files
 from twin.judging.comparison import Comparison
+from twin.judging.fitrecord import FitRecord
 from twin.judging.intervals import estimates, fit_record
-from twin.judging.record import FitRecord
 from twin.numerals import in_words
 
 PARAMETERS = (Parameter("C10", 0.01, 0.5, "MPa"), Parameter("C01", 0.0, 0.5, "MPa"), Parameter("creep.g1", 0.0, 0.5))

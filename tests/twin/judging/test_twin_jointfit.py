@@ -13,13 +13,12 @@ from tests.twin.conftest import plain_targets
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Unsolvable
-from twin.judging.besidefilm import beside_film, curve_jacobian, curve_residual, silicone
 from twin.judging.fitting import whitened
 from twin.judging.jointfit import agreement, rank, sd_along
+from twin.judging.materialcurves import beside_film, curve_jacobian, curve_residual, silicone
 from twin.laws.catalogue import LAWS
 from twin.laws.law import RubberLaw
-from twin.model.basemodel import base_model
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel, base_model
 from twin.targets import Array, MaterialCurve, Targets
 
 TRUE = np.array([0.2, 0.1])

@@ -9,8 +9,8 @@ from tests.pulls import band
 from tests.twin.diagnosis.toy import POINTS, STEPS, Toy, smooth_field, targets, toy_effect
 from twin.judging.comparison import lack_of_fit, smooth_functions
 from twin.judging.judged import Judged, judge
+from twin.judging.lawerrorlevels import levels, with_laws
 from twin.judging.lawerrors import LEVELS, WEIGHTS, averaged, law_errors
-from twin.judging.lawlevels import levels, with_laws
 from twin.targets import Array, Targets
 
 BASE, SIGNATURE = smooth_field(1), smooth_field(10)

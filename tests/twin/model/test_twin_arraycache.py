@@ -14,8 +14,8 @@ from fe import Case
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NOMINAL, mooney_rivlin
 from twin.model import discretisation, loadpaths
 from twin.model.arraycache import SOURCES, no_cache, rounded_up, sources_digest
-from twin.model.basemodel import base_test
 from twin.model.discretisation import SolvedAt, discretisation_error, meshes_key
+from twin.model.keptmodel import base_test
 from twin.model.loadpaths import load_paths, reach
 from twin.model.structure import BuiltIn, Structure, of_finger, weighed
 from twin.targets import Array, Targets

@@ -17,8 +17,8 @@ from twin.judging.fitting import ModelErrors
 from twin.laws.mooneyrivlin import NAMES, NOMINAL
 from twin.model import prediction
 from twin.model.arraycache import rounded_up
-from twin.model.basemodel import base_model
 from twin.model.discretisation import Discretisation, SolvedAt, _tested, discretisation_error
+from twin.model.keptmodel import base_model
 from twin.model.prediction import HISTORY, Model, moved, remembered, respond
 from twin.model.structure import BuiltIn, of_finger
 from twin.targets import Array, Targets

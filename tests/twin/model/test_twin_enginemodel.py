@@ -19,9 +19,9 @@ from fe.mesh.convert import converted
 from twin.effects.library import effect
 from twin.effects.protocol import Unsolvable
 from twin.laws.mooneyrivlin import NOMINAL, mooney_rivlin
-from twin.model.basemodel import base_model
 from twin.model.enginejobs import FRUITLESS, Done, EngineJobs
 from twin.model.enginemodel import EngineModel, EnginePaths
+from twin.model.keptmodel import base_model
 from twin.model.structure import base_case, of_deck
 from twin.targets import Array, PointKind, TargetPoint, Targets
 

@@ -9,7 +9,7 @@ import pytest
 
 from fe import Case, solve
 from fe import Path as Load
-from twin.model.basemodel import base_test
+from twin.model.keptmodel import base_test
 from twin.project.targetfiles import read_targets
 from twin.project.targetwriting import write_targets
 from twin.targets import PointKind, TargetPoint, Targets, as_position

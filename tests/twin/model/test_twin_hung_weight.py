@@ -11,7 +11,7 @@ from fe import Case, Lattice
 from tests.twin.conftest import SHORT
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
-from twin.model.basemodel import base_model
+from twin.model.keptmodel import base_model
 from twin.model.structure import base_case
 from twin.targets import Array, Load, Targets
 

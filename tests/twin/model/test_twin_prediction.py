@@ -10,8 +10,7 @@ from calibrate import Parameter
 from fe import Case
 from twin.effects.library import all_effects, effect
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
-from twin.model.basemodel import base_model
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel, base_model
 from twin.model.prediction import respond
 from twin.targets import Array, Targets
 

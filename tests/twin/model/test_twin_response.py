@@ -8,8 +8,7 @@ import pytest
 from fe import Case
 from twin.effects.library import effect
 from twin.effects.protocol import Unsolvable
-from twin.model.basemodel import base_model
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel, base_model
 from twin.model.response import FAR, Surrogate
 from twin.targets import Array, Targets
 

@@ -18,9 +18,9 @@ from numpy.lib import format as npy
 
 from twin import files
 from twin.calibrated.caches import SolvedRows
-from twin.diagnosis.record import DiagnosisRecord
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.inputs.camerarecord import CameraRecord
-from twin.judging.record import FitRecord
+from twin.judging.fitrecord import FitRecord
 from twin.project.folder import Project
 from twin.project.record import RunRecord, SourceRecord
 

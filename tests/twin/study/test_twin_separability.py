@@ -8,7 +8,7 @@ import pytest
 from fe import Case
 from twin.effects.material import Elasticity
 from twin.laws.mooneyrivlin import mooney_rivlin
-from twin.model.basemodel import base_model
+from twin.model.keptmodel import base_model
 from twin.model.prediction import Model
 from twin.study.separability import UNKNOWN, Sensitivities, Separation, Spot, separation
 from twin.targets import Targets, at_node

@@ -10,8 +10,7 @@ import pytest
 from fe import Case
 from twin.effects.library import effect
 from twin.model import prediction
-from twin.model.basemodel import base_model
-from twin.model.memo import KEPT, SAME, KeptModel
+from twin.model.keptmodel import KEPT, SAME, KeptModel, base_model
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 

@@ -8,7 +8,7 @@ import numpy as np
 from calibrate import Parameter
 from fe.element import Integers
 from fe.mesh.mirror import middle_plane
-from twin.effects.amounts import felt, listed, number, way
+from twin.effects.phrases import felt, listed, number, way
 from twin.effects.protocol import Effect, Order, Slip, Test, Theta, symmetric
 from twin.targets import Array
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.polynomial.legendre import legval
 from numpy.polynomial.polynomial import polyval
 
-from twin.effects.inwords import Span, StandIn
 from twin.effects.protocol import Order, Test, Theta
+from twin.effects.standin import Span, StandIn
 from twin.targets import Array
 
 WIDTHS = (0.05, 0.15, 0.4)  # of the top pressure: how far it must turn back until what has play follows

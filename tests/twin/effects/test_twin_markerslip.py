@@ -7,8 +7,8 @@ import pytest
 
 from twin.contract.specimen import small_test
 from twin.effects.library import effect
+from twin.effects.markerslip import MarkerSlip
 from twin.effects.material import Elasticity
-from twin.effects.tags import MarkerSlip
 from twin.model.prediction import Model, respond
 
 VALUES = {"C10": 0.2, "C01": 0.1}

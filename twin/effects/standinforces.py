@@ -9,10 +9,11 @@ import numpy as np
 
 from fe import Case, Path
 from fe.mesh.mirror import middle_plane
-from twin.effects.courses import NARROW, stop
-from twin.effects.inwords import Span, StandIn, direction, softer, where
+from twin.effects.forces import pulled, sections
+from twin.effects.phrases import direction, softer, where
 from twin.effects.protocol import Order, Perturbation, Test, Theta
-from twin.effects.pulls import pulled, sections
+from twin.effects.standin import Span, StandIn
+from twin.effects.standinpressure import NARROW, stop
 from twin.targets import Array
 
 FOLDED = 0.5  # of the top pressure is where a fold begins

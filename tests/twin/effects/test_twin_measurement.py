@@ -6,7 +6,7 @@ import numpy as np
 
 from twin.contract.specimen import motion, small_test
 from twin.effects.library import effect
-from twin.effects.optics import DISTANCE, turn
+from twin.effects.measurement import DISTANCE, turn
 from twin.effects.protocol import Test
 
 

@@ -13,7 +13,7 @@ from scipy.stats import qmc
 
 from calibrate import Parameter
 from twin.effects.protocol import Unsolvable
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel
 from twin.model.response import Surrogate
 from twin.targets import Array
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from twin.contract.specimen import small_test
+from twin.effects.forces import STATIONS, sections, shares
 from twin.effects.library import effect
-from twin.effects.pulls import STATIONS, sections, shares
 from twin.model.prediction import respond
 
 

@@ -8,9 +8,8 @@ import pytest
 from fe import Case
 from twin.effects.library import effect
 from twin.effects.protocol import Unsolvable
-from twin.model.answering import LEAST, SPREAD, RangedResponse, spread
-from twin.model.basemodel import base_model
-from twin.model.memo import KeptModel
+from twin.model.keptmodel import KeptModel, base_model
+from twin.model.rangedresponse import LEAST, SPREAD, RangedResponse, spread
 from twin.targets import Array, Targets
 
 FITTED = {"C10": 0.214, "C01": 0.083, "stiffening.C20": 0.01}  # MPa

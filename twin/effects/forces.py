@@ -11,9 +11,9 @@ from calibrate import Parameter
 from fe import Case
 from fe.element import Integers
 from fe.mesh.mirror import middle_plane
-from twin.effects.amounts import at_place, felt, listed, pull
+from twin.effects.families import Wide, neighbours
+from twin.effects.phrases import at_place, felt, listed, pull
 from twin.effects.protocol import Effect, Family, Order, Test, Theta
-from twin.effects.widest import Wide, neighbours
 from twin.targets import Array
 
 STATIONS = 13  # sections along the finger that carry a force between them

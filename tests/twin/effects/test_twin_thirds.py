@@ -9,8 +9,8 @@ from fe.kernel.layer import LayerFaces
 from tests.few import few
 from twin.contract.promises import check_effect
 from twin.contract.specimen import small_test
+from twin.effects.families import Parts, in_parts
 from twin.effects.library import all_effects, effect
-from twin.effects.parts import Parts, in_parts
 from twin.effects.protocol import Effect
 from twin.effects.supports import StrainLimitingLayer
 from twin.model.prediction import respond

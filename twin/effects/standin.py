@@ -54,27 +54,3 @@ class Span:
     def across(self, time: Array) -> Array:
         """Times as numbers from -1 to 1."""
         return np.asarray((2 * time - self.begin - self.end) / (self.end - self.begin), float)
-
-
-# -- words ---------------------------------------------------------------------------------------------------
-
-
-def where(place: float) -> str:
-    """A place along the finger, from 0 at the clamp to 1 at the tip, in words."""
-    if place >= 0.85:
-        return "near the tip"
-    return "near the clamp" if place <= 0.15 else f"at {place:.2g} of the length from the clamp"
-
-
-def softer(much: float) -> str:
-    """How much softer a material is, in words."""
-    return f"{100 * abs(much):.2g} % {'softer' if much > 0 else 'stiffer'}"
-
-
-def direction(vector: Array) -> str:
-    """Where a vector (3,) points to, in words: its largest part, and another of more than half of that."""
-    pairs = (("towards the tip", "towards the clamp"), ("to +y", "to -y"), ("up", "down"))
-    order = sorted(range(3), key=lambda i: -abs(vector[i]))
-    first, second = (pairs[i][int(vector[i] < 0)] for i in order[:2])
-    both = abs(vector[order[1]]) > 0.5 * abs(vector[order[0]])
-    return f"{first} and {second}" if both else first

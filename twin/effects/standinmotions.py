@@ -5,9 +5,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legval
 
-from twin.effects.courses import WIDTHS, stop
-from twin.effects.inwords import Span, StandIn, direction
+from twin.effects.phrases import direction
 from twin.effects.protocol import Order, Test, Theta
+from twin.effects.standin import Span, StandIn
+from twin.effects.standinpressure import WIDTHS, stop
 from twin.targets import Array
 
 

@@ -9,12 +9,12 @@ from twin.diagnosis.classes import Mimics
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.explanation import EvidenceRecord
 from twin.diagnosis.hypotheses import Hypothesis
-from twin.diagnosis.lawleft import LawLeft
+from twin.diagnosis.lawresidual import LawLeft
 from twin.diagnosis.sizes import Detectable
 from twin.experiments.choice import Experiment
+from twin.judging.fitrecord import Estimate, UnseenFilm
 from twin.judging.frame import FrameTest
 from twin.judging.intervals import estimates
-from twin.judging.record import Estimate, UnseenFilm
 from twin.records import Maybe, Record
 from twin.tablemodel import Finite
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from twin.targets import Array
+
 
 def number(value: float) -> str:
     """The size of a value with two digits, whole from 100 on."""
@@ -46,3 +48,24 @@ def at_ends(base: float, tip: float, unit: str, more: str, less: str) -> str:
     """What is off at the base and at the tip: "0.4 mm too high at its base and 0.1 mm too low at its tip"."""
     ends = ((base, "at its base"), (tip, "at its tip"))
     return listed([f"{number(off)} {unit} {way(off, more, less)} {place}" for off, place in ends])
+
+
+def where(place: float) -> str:
+    """A place along the finger, from 0 at the clamp to 1 at the tip, in words."""
+    if place >= 0.85:
+        return "near the tip"
+    return "near the clamp" if place <= 0.15 else f"at {place:.2g} of the length from the clamp"
+
+
+def softer(much: float) -> str:
+    """How much softer a material is, in words."""
+    return f"{100 * abs(much):.2g} % {'softer' if much > 0 else 'stiffer'}"
+
+
+def direction(vector: Array) -> str:
+    """Where a vector (3,) points to, in words: its largest part, and another of more than half of that."""
+    pairs = (("towards the tip", "towards the clamp"), ("to +y", "to -y"), ("up", "down"))
+    order = sorted(range(3), key=lambda i: -abs(vector[i]))
+    first, second = (pairs[i][int(vector[i] < 0)] for i in order[:2])
+    both = abs(vector[order[1]]) > 0.5 * abs(vector[order[0]])
+    return f"{first} and {second}" if both else first

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from twin.effects.amounts import at_ends, listed, number, pull
 from twin.effects.library import all_effects, effect
+from twin.effects.phrases import at_ends, listed, number, pull
 from twin.effects.protocol import Effect
 
 TOLD = {

@@ -1,11 +1,13 @@
-"""The widest family of an effect's physics: amplitudes alone, on a fixed basis."""
+"""Widest families of the effects: amplitudes alone, on a fixed basis, or one for each third of the finger."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from twin.effects.amounts import listed
-from twin.effects.protocol import Effect, Theta
+from fe import Case
+from twin.effects.phrases import listed
+from twin.effects.protocol import Effect, Test, Theta
 from twin.targets import Array
 
 TOLD = ("name", "order", "sentence", "requires", "generic")
@@ -63,3 +65,50 @@ def in_logs(terms: Sequence[tuple[float, float]], places: Sequence[float]) -> Ar
     """Amplitudes (k,) at fixed places (k,) > 0 of terms (amplitude, place) anywhere: each is shared by its
     two neighbours, evenly in the logarithm."""
     return sum((x * neighbours(np.log(at), np.log(places)) for x, at in terms), np.zeros(len(places)))
+
+
+# -- thirds of the finger, each with an amplitude of its own -------------------------------------------------
+
+COUNT = 3
+
+
+class Parts(Wide):
+    """An effect that may be more in one part of the finger than in another: parts of equal length along it,
+    from the clamp. It must change materials or the layer alone."""
+
+    def __init__(self, one: Effect) -> None:
+        self.one, (self.only,) = one, one.amplitudes
+        for key in TOLD:
+            setattr(self, key, getattr(one, key))
+        self.sentence = f"{one.sentence}, in some parts of the finger more than in others"
+        self.parameters = tuple(replace(self.only, name=f"{self.only.name}{k}") for k in range(1, COUNT + 1))
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        sides = [self.one.before(test, {self.only.name: theta[p.name]}) for p in self.parameters]
+        return replace(test, case=in_parts([side.case for side in sides]))
+
+    def breaks_symmetry(self, test: Test) -> bool:
+        return self.one.breaks_symmetry(test)
+
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        return {p.name: theta.get(self.only.name, 0.0) for p in self.parameters}
+
+
+def in_parts(cases: Sequence[Case]) -> Case:
+    """The case that has the materials and the layer of each of some cases of one mesh in a part of its
+    length, in their order."""
+    case, count = cases[0], len(cases)
+    x = case.nodes[case.connectivity].mean(axis=1)[:, 0]
+    low, length = case.nodes[:, 0].min(), np.ptp(case.nodes[:, 0])
+    part = np.clip((count * (x - low) / length).astype(int), 0, count - 1)
+    sets, materials, layer = dict(case.element_sets), dict(case.materials), case.layer
+    for name in case.materials.keys() - set(case.kept):
+        if any(other.materials[name] != materials[name] for other in cases):
+            del materials[name]
+            for k, other in enumerate(cases):
+                sets[f"{name}_part{k + 1}"] = sets[name][part[sets[name]] == k]
+                materials[f"{name}_part{k + 1}"] = other.materials[name]
+    if layer is not None:
+        each = tuple(float(np.mean(c.layer.stiffness)) for c in cases if c.layer)
+        layer = replace(layer, stiffness=each)
+    return replace(case, element_sets=sets, materials=materials, layer=layer)

@@ -10,11 +10,13 @@ from typing import Self
 
 import numpy as np
 
-from fe import Solution
-from twin.effects.protocol import Effect, Order
+from fe import Case, Path, Solution
+from twin.effects.material import Elasticity
+from twin.effects.protocol import Effect, Order, Test
+from twin.gravity import of_targets, pulls_of, shares_of
 from twin.model.discretisation import Discretisation
 from twin.model.prediction import Model, Solved
-from twin.targets import Array
+from twin.targets import Array, Targets
 
 SAME = 1e-6  # mm, between predictions of one model after other questions; the null of an effect keeps it, too
 KEPT = 6  # solves of a model
@@ -79,3 +81,25 @@ class KeptModel(Model):
         """The kept solve with the smallest change of any parameter, in typical steps."""
         scale = np.array([p.step for p in self.parameters])
         return min(self._solves, key=lambda s: float(np.abs((s.theta - theta) / scale).max()), default=None)
+
+
+# -- the base model: elasticity alone ------------------------------------------------------------------------
+
+def base_test(targets: Targets, case: Case) -> Test:
+    """The test that the targets describe: their points on the case, their log as the path."""
+    moving = ~targets.fixed
+    points = targets.places(case.position)
+    places, pulls = pulls_of(targets, case.position)
+    chambers, shares = shares_of(targets, case)
+    path = Path(
+        targets.log_time, targets.log_pressure, targets.time, gravity=of_targets(targets), places=places,
+        pulls=pulls, chambers=chambers, shares=shares,
+    )  # fmt: skip
+    return Test(case, path, np.nan_to_num(points), moving, targets.names)
+
+
+def base_model(targets: Targets, case: Case, *, elasticity: Elasticity | None = None) -> KeptModel:
+    """The base model of the targets on a case, by default of Mooney-Rivlin rubber, all free."""
+    rests = targets.rests if targets.rests.any() else None
+    law = ((elasticity or Elasticity()).fitted(),)
+    return KeptModel(base_test(targets, case), law, targets.reference, rests=rests)
