@@ -108,7 +108,7 @@ def _effects(
     for name in dict.fromkeys(name.partition(".")[0] for name in ranges if "." in name):
         if name not in known:
             labels.append(name)
-    every = [effect(label, own=own, law=law.law) for label in labels]
+    every = [effect(label, users=own, law=law.law) for label in labels]
     still = [e for e in every if not moves_finger(e)]
     for e in still:
         if any(p.name in ranges for p in e.parameters):

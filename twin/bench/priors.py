@@ -54,7 +54,7 @@ def _check(
     base = name.partition(".")[0]
     labels = [label for label in project.config.model.effects if name_of(label) == base]
     try:
-        one = effect(labels[0] if labels else base, own=own(project), law=law)
+        one = effect(labels[0] if labels else base, users=own(project), law=law)
     except ValueError:
         raise ValueError(
             f"calibrate.priors.{name}: wanted {', '.join((*law.names, *both))}, or a parameter of an effect, "

@@ -57,7 +57,7 @@ class Uncertain:
             columns.append(some)
             prior.append(np.ones(len(some)))
         if beyond and LAW not in [e.name for e in model.effects]:
-            law = effect(LAW, own=()) if model.law is None else effect(LAW, law=model.law)
+            law = effect(LAW, users=()) if model.law is None else effect(LAW, law=model.law)
             columns.append(model.tangents(theta, [law])[LAW][0])
             prior.append(np.array([1 / prior_sd(p) ** 2 for p in law.amplitudes]))
         priors, count = priors_of(model.parameters, targets), sum(map(len, columns))

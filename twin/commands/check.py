@@ -173,9 +173,9 @@ def _check_effects(project: Project) -> None:
 
     own = own_of(project)
     for label in labels:
-        effect(label, own=own)
+        effect(label, users=own)
     for text in sought:
-        effects_of(text, own=own)
+        effects_of(text, users=own)
     for sentence in (s for e in own for s in check_effect(e, solves=False)):
         raise ValueError(sentence)
 

@@ -105,7 +105,7 @@ def _foretold(row: ForetoldFilm) -> str:
 def _candidates(project: Project) -> tuple[Effect, ...]:
     """The effects that twin.toml names, or the whole library; those of the project's own files always."""
     own, law = own_of(project), law_of_project(project)
-    groups = [effects_of(text, own=own, law=law) for text in project.config.diagnose.candidates]
+    groups = [effects_of(text, users=own, law=law) for text in project.config.diagnose.candidates]
     named = [e for some in groups for g in some for e in g] or all_effects(law)
     return (*named, *(e for e in own if e.name not in [n.name for n in named]))
 

@@ -33,9 +33,9 @@ class Wide(Effect):
 
     def told(self, values: Theta) -> str:
         """The sentence, and the amplitudes that are most felt."""
-        own = sorted(self.amplitudes, key=lambda p: -abs(values[p.name]) / (p.typical or 1.0))[:SAID]
-        said = [f"{p.name.partition('.')[2]} = {values[p.name]:.2g} {p.unit}".rstrip() for p in own]
-        return f"{self.sentence}: {listed(said)}"
+        largest = sorted(self.amplitudes, key=lambda p: -abs(values[p.name]) / (p.typical or 1.0))[:SAID]
+        terms = [f"{p.name.partition('.')[2]} = {values[p.name]:.2g} {p.unit}".rstrip() for p in largest]
+        return f"{self.sentence}: {listed(terms)}"
 
     def start(self, theta: Theta) -> Theta:
         none = {p.name: 0.0 for p in self.parameters}
@@ -64,7 +64,7 @@ def neighbours(place: float, places: Sequence[float] | Array) -> Array:
 def in_logs(terms: Sequence[tuple[float, float]], places: Sequence[float]) -> Array:
     """Amplitudes (k,) at fixed places (k,) > 0 of terms (amplitude, place) anywhere: each is shared by its
     two neighbours, evenly in the logarithm."""
-    return sum((x * neighbours(np.log(at), np.log(places)) for x, at in terms), np.zeros(len(places)))
+    return sum((x * neighbours(np.log(place), np.log(places)) for x, place in terms), np.zeros(len(places)))
 
 
 # -- thirds of the finger, each with an amplitude of its own -------------------------------------------------
@@ -76,19 +76,19 @@ class Parts(Wide):
     """An effect that may be more in one part of the finger than in another: parts of equal length along it,
     from the clamp. It must change materials or the layer alone."""
 
-    def __init__(self, one: Effect) -> None:
-        self.one, (self.only,) = one, one.amplitudes
+    def __init__(self, effect: Effect) -> None:
+        self.effect, (self.only,) = effect, effect.amplitudes
         for key in TOLD:
-            setattr(self, key, getattr(one, key))
-        self.sentence = f"{one.sentence}, in some parts of the finger more than in others"
+            setattr(self, key, getattr(effect, key))
+        self.sentence = f"{effect.sentence}, in some parts of the finger more than in others"
         self.parameters = tuple(replace(self.only, name=f"{self.only.name}{k}") for k in range(1, COUNT + 1))
 
     def before(self, test: Test, theta: Theta) -> Test:
-        sides = [self.one.before(test, {self.only.name: theta[p.name]}) for p in self.parameters]
+        sides = [self.effect.before(test, {self.only.name: theta[p.name]}) for p in self.parameters]
         return replace(test, case=in_parts([side.case for side in sides]))
 
     def breaks_symmetry(self, test: Test) -> bool:
-        return self.one.breaks_symmetry(test)
+        return self.effect.breaks_symmetry(test)
 
     def amounts(self, theta: Theta) -> dict[str, float]:
         return {p.name: theta.get(self.only.name, 0.0) for p in self.parameters}
@@ -103,11 +103,11 @@ def in_parts(cases: Sequence[Case]) -> Case:
     part = np.clip((count * (x - low) / length).astype(int), 0, count - 1)
     sets, materials, layer = dict(case.element_sets), dict(case.materials), case.layer
     for name in case.materials.keys() - set(case.kept):
-        if any(other.materials[name] != materials[name] for other in cases):
+        if any(piece.materials[name] != materials[name] for piece in cases):
             del materials[name]
-            for k, other in enumerate(cases):
+            for k, piece in enumerate(cases):
                 sets[f"{name}_part{k + 1}"] = sets[name][part[sets[name]] == k]
-                materials[f"{name}_part{k + 1}"] = other.materials[name]
+                materials[f"{name}_part{k + 1}"] = piece.materials[name]
     if layer is not None:
         each = tuple(float(np.mean(c.layer.stiffness)) for c in cases if c.layer)
         layer = replace(layer, stiffness=each)

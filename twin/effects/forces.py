@@ -100,17 +100,17 @@ class Tubes(Wide, of=Tube):
     def told(self, values: Theta) -> str:
         forces = [(values[f"tube.along{k}"], values[f"tube.up{k}"]) for k in (1, 2, 3)]
         strong = felt([float(np.linalg.norm(force)) for force in forces])
-        said = [f"{pull(*forces[k], 'N')} {at_place(self.PLACES[k])}" for k in strong]
-        how = f"with {listed(said)}" if said else "as the pressure rises"
+        pulls = [f"{pull(*forces[k], 'N')} {at_place(self.PLACES[k])}" for k in strong]
+        how = f"with {listed(pulls)}" if pulls else "as the pressure rises"
         return f"the supply line, or something else outside, pulls the finger {how}"
 
     def amounts(self, theta: Theta) -> dict[str, float]:
         near = neighbours(theta.get("tube.place", 1.0), self.PLACES)
         return {
-            f"tube.{way}{per}{k}": float(x) * theta.get(f"tube.{way}{per}", 0.0)
+            f"tube.{axis}{per}{k}": float(x) * theta.get(f"tube.{axis}{per}", 0.0)
             for per in ("", "_per_MPa")
             for k, x in enumerate(near, start=1)
-            for way in ("along", "up")
+            for axis in ("along", "up")
         }
 
 
@@ -124,12 +124,12 @@ def pulled(test: Test, dead: Mapping[float, Array], growing: Mapping[float, Arra
     loads: dict[str, Array] = {}
     sets: dict[str, Integers] = {}
     rows = sections(case)
-    for kept, given in ((forces, dead), (loads, growing)):
+    for by_set, by_place in ((forces, dead), (loads, growing)):
         total = np.zeros((STATIONS, 3))
-        for place, force in given.items():
+        for place, force in by_place.items():
             total += shares(place)[:, None] * force
         for k in np.flatnonzero(total.any(axis=1)):
-            sets[f"{name}_{k}"], kept[f"{name}_{k}"] = rows[k], test.share * total[k]
+            sets[f"{name}_{k}"], by_set[f"{name}_{k}"] = rows[k], test.share * total[k]
     if not sets:
         return test
     return replace(

@@ -56,4 +56,4 @@ def checked_groups(text: str) -> str:
 
 def kind_of(words: str) -> str | None:
     """The kind of stand-in that a verdict's words name; None where they name none."""
-    return next((kind for kind, said in KINDS.items() if words in (kind, said)), None)
+    return next((kind for kind, phrase in KINDS.items() if words in (kind, phrase)), None)

@@ -27,44 +27,44 @@ def all_effects(law: RubberLaw = MOONEY_RIVLIN) -> tuple[Effect, ...]:
 
 
 def effects_of(
-    text: str, *, own: Sequence[Effect] = (), law: RubberLaw = MOONEY_RIVLIN
+    text: str, *, users: Sequence[Effect] = (), law: RubberLaw = MOONEY_RIVLIN
 ) -> tuple[tuple[Effect, ...], ...]:
     """The effects that a text names as a verdict does, `creep + gravity or tube`: groups of which any one may
     be missing, without those that hold a stand-in. ValueError where nothing else is named, or one is unknown.
 
-    own: the effects of the user's own files.
+    users: the effects of the user's own files.
     """
-    known = {e.name for e in (*all_effects(), *own)}
+    names = {e.name for e in (*all_effects(), *users)}
     groups = labels.groups(text)
-    real = [g for g in groups if all(x in known or labels.kind_of(x) is None for x in g)] or groups
-    return tuple(tuple(effect(label, own=own, law=law) for label in group) for group in real)
+    real = [g for g in groups if all(x in names or labels.kind_of(x) is None for x in g)] or groups
+    return tuple(tuple(effect(label, users=users, law=law) for label in group) for group in real)
 
 
-def effect(label: str, *, own: Sequence[Effect] = (), law: RubberLaw = MOONEY_RIVLIN) -> Effect:
+def effect(label: str, *, users: Sequence[Effect] = (), law: RubberLaw = MOONEY_RIVLIN) -> Effect:
     """The effect named by a label in twin.toml, for example `creep` or `creep:2`; ValueError if unknown.
 
-    own: the effects of the user's own files; law: the base model's.
+    users: the effects of the user's own files; law: the base model's.
     """
     name = labels.name_of(label)
-    known = {e.name: e.laws() for e in (*all_effects(law), *own)}
-    if name not in known:
+    laws_by_name = {e.name: e.laws() for e in (*all_effects(law), *users)}
+    if name not in laws_by_name:
         kind = labels.kind_of(label)
         if kind is not None:
-            same = [e.name for e in (*all_effects(), *own) if e.generic == kind]
+            same = [e.name for e in (*all_effects(), *users) if e.generic == kind]
             raise ValueError(
                 f"{label!r} tells how the rest looks; it is no effect that a model can have; wanted "
                 f"{f'{labels.OR.join(same)}, which it may be, or ' if same else ''}"
                 "an effect of your own with its cause (docs/own-effect.md)"
             )
         raise ValueError(
-            f"effect {label!r} is not in the library, wanted one of {', '.join(known)}; one of your own "
+            f"effect {label!r} is not in the library, wanted one of {', '.join(laws_by_name)}; one of your own "
             "stands in a file that twin.toml names under [model] effect_files"
         )
-    laws = {law.label: law for law in known[name]}
-    made = laws.get(label) or known[name][0].named(label)
-    if made is None:
-        narrow = known[name][0]
+    laws = {law.label: law for law in laws_by_name[name]}
+    named = laws.get(label) or laws_by_name[name][0].named(label)
+    if named is None:
+        narrow = laws_by_name[name][0]
         wide = narrow.wide()
         every = dict.fromkeys(filter(None, [*laws, wide.label if wide else "", narrow.held]))
         raise ValueError(f"effect {label!r}: no such law of {name}, wanted one of {', '.join(every)}")
-    return made
+    return named

@@ -64,9 +64,9 @@ class GaugeCurve(Wide, of=PressureGain):
         read = np.array([0.0, 0.01, 0.03])  # MPa
         x = read / self.UNIT
         off = offset + read * (gain + bend * x + turn * x**2)
-        said = [f"{_kilopascals(o)} too {way(o, 'little', 'much')} at {1e3 * p:.0f} kPa"
+        readings = [f"{_kilopascals(o)} too {way(o, 'little', 'much')} at {1e3 * p:.0f} kPa"
                 for o, p in zip(off, read, strict=True)]  # fmt: skip
-        return f"the pressure gauge is not straight: it reads {listed(said)}"
+        return f"the pressure gauge is not straight: it reads {listed(readings)}"
 
 
 class PressureOffset(Effect):
@@ -111,8 +111,8 @@ class ZeroDrift(Wide, of=PressureOffset):
 
     def told(self, values: Theta) -> str:
         offset, slope, _ = (values[p.name] for p in self.parameters)
-        said = [f"{_kilopascals(o)} too {way(o, 'little', 'much')}" for o in (offset, offset + slope)]
-        return f"the zero of the pressure gauge drifts: it reads {said[0]} at first, {said[1]} a minute later"
+        readings = [f"{_kilopascals(o)} too {way(o, 'little', 'much')}" for o in (offset, offset + slope)]
+        return f"the zero of the pressure gauge drifts: it reads {readings[0]} at first, {readings[1]} a minute later"
 
 
 class Gravity(Effect):
@@ -216,6 +216,6 @@ def first_order_lag(time: Array, pressure: Array, tau: float) -> Array:
     out[0] = pressure[0]
     drive = pressure[1:] - decay * pressure[:-1] - tau * slope * (1 - decay)
     for n in range(len(x)):
-        kept = out[n] if abs(out[n]) > 1e-150 else 0.0  # of long ago; its decay would underflow
-        out[n + 1] = decay[n] * kept + drive[n]
+        previous = out[n] if abs(out[n]) > 1e-150 else 0.0  # of long ago; its decay would underflow
+        out[n + 1] = decay[n] * previous + drive[n]
     return out

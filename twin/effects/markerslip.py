@@ -38,22 +38,22 @@ class MarkerSlip(Effect):
 
     def __init__(self, marker: str = "", time: float = 0.0) -> None:
         self.marker, self.time = marker, float(time)
-        own = symmetric(
+        lengths = symmetric(
             "marker_slip.along", "marker_slip.across", most=3.0, unit="mm", step=0.05, likely=LIKELY
         )
         free = (
             Parameter("marker_slip.marker", 0.0, 1e4, "", typical=1.0),
             Parameter("marker_slip.time", -1e6, 1e6, "s", typical=1.0),
         )
-        self.parameters = own if marker else (*own, *free)
+        self.parameters = lengths if marker else (*lengths, *free)
 
     @property
     def label(self) -> str:
         return f"{self.name}:{self.marker}@{self.time:.6g}s" if self.marker else self.name
 
     def named(self, label: str) -> Effect | None:
-        found = re.fullmatch(rf"{self.name}:(.+)@([-+]?\d+\.?\d*(?:e[-+]?\d+)?)s", label)
-        return MarkerSlip(found[1], float(found[2])) if found else None
+        match = re.fullmatch(rf"{self.name}:(.+)@([-+]?\d+\.?\d*(?:e[-+]?\d+)?)s", label)
+        return MarkerSlip(match[1], float(match[2])) if match else None
 
     def tries(self, test: Test) -> tuple[Theta, ...]:
         if self.marker:
@@ -73,15 +73,15 @@ class MarkerSlip(Effect):
     def before(self, test: Test, theta: Theta) -> Test:
         row, time = self._which(test, theta)
         slips = tuple(
-            Slip(row, time, theta[f"marker_slip.{way}"], axis)
-            for way, axis in zip(("along", "across"), _surface(test, row), strict=True)
+            Slip(row, time, theta[f"marker_slip.{component}"], axis)
+            for component, axis in zip(("along", "across"), _surface(test, row), strict=True)
         )
         return replace(test, slips=(*test.slips, *slips))
 
     def told(self, values: Theta) -> str:
         sizes = [values[f"{self.name}.{k}"] for k in ("along", "across")]
-        said = [f"{number(mm)} mm {way(mm, *ends)}" for mm, ends in zip(sizes, WAYS, strict=True)]
-        much = listed([said[k] for k in felt(sizes)]) or "0 mm"
+        parts = [f"{number(mm)} mm {way(mm, *ends)}" for mm, ends in zip(sizes, WAYS, strict=True)]
+        much = listed([parts[k] for k in felt(sizes)]) or "0 mm"
         if self.marker:
             return f"marker {self.marker} slipped by {much} at {self.time:.3g} s"
         return f"a marker slipped by {much} at {values[f'{self.name}.time']:.3g} s"
@@ -92,8 +92,8 @@ class MarkerSlip(Effect):
             row = round(theta["marker_slip.marker"])
             return min(max(row, 0), len(test.points) - 1), theta["marker_slip.time"]
         if self.marker not in test.markers:
-            known = ", ".join(n for n, m in zip(test.markers, test.moving, strict=True) if m)
-            raise ValueError(f"effect {self.label!r}: no marker {self.marker!r}; wanted one of {known}")
+            names = ", ".join(n for n, m in zip(test.markers, test.moving, strict=True) if m)
+            raise ValueError(f"effect {self.label!r}: no marker {self.marker!r}; wanted one of {names}")
         return test.markers.index(self.marker), self.time
 
 

@@ -102,8 +102,8 @@ class Creep(Family):
         rest = {k: v for k, v in theta.items() if not k.startswith("creep.")}
         g, tau = theta["creep.g1"], theta["creep.tau1"]
         slow = float(np.clip(4 * tau, 0.2, 150.0))
-        first = {"creep.g1": 0.7 * g, "creep.tau1": max(0.6 * tau, 0.2)}
-        return {**rest, **first, "creep.g2": 0.5 * g, "creep.tau2": slow}
+        fast = {"creep.g1": 0.7 * g, "creep.tau1": max(0.6 * tau, 0.2)}
+        return {**rest, **fast, "creep.g2": 0.5 * g, "creep.tau2": slow}
 
     def wide(self) -> Effect:
         return CreepSpectrum()
@@ -128,8 +128,8 @@ class CreepSpectrum(Wide, of=Creep):
 
     def told(self, values: Theta) -> str:
         w = [values[p.name] for p in self.parameters]
-        said = [f"{way(w[k], '', '-')}{percent(w[k])} with {number(self.TAUS[k])} s" for k in felt(w)]
-        return f"the silicone creeps: {percent(sum(w))} of its stiffness relaxes, {listed(said)}"
+        terms = [f"{way(w[k], '', '-')}{percent(w[k])} with {number(self.TAUS[k])} s" for k in felt(w)]
+        return f"the silicone creeps: {percent(sum(w))} of its stiffness relaxes, {listed(terms)}"
 
     def amounts(self, theta: Theta) -> dict[str, float]:
         """Each g shared by the two nearest of TAUS, by the logarithm of its tau."""
@@ -219,8 +219,8 @@ def _other(law: RubberLaw) -> str:
 def _with_terms(test: Test, parameters: Sequence[Parameter], theta: Theta) -> Test:
     """The test with these terms more in the energy of its silicone."""
     added, case = {p.name.partition(".")[2]: theta[p.name] for p in parameters}, test.case
-    own = {name: richer(m, added) for name, m in case.materials.items() if name not in case.kept}
-    return replace(test, case=replace(case, materials={**case.materials, **own}))
+    materials = {name: richer(m, added) for name, m in case.materials.items() if name not in case.kept}
+    return replace(test, case=replace(case, materials={**case.materials, **materials}))
 
 
 class StrainEnergy(Wide, of=Stiffening):

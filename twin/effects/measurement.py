@@ -78,9 +78,9 @@ class CameraTilt(Effect):
 
     def told(self, values: Theta) -> str:
         angles = [values[f"camera_tilt.{k}"] for k in ("aside", "up")]
-        said = [f"by {_degrees(a)} with {what} {way(a, 'too far', 'too near')}"
+        tilts = [f"by {_degrees(a)} with {what} {way(a, 'too far', 'too near')}"
                 for a, what in zip(angles, ("the tip", "the top"), strict=True)]  # fmt: skip
-        both = listed([said[k] for k in felt(angles)])
+        both = listed([tilts[k] for k in felt(angles)])
         return f"the camera looks at the finger obliquely, {both or 'by 0 degrees'}"
 
 

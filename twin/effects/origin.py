@@ -44,12 +44,12 @@ def _run(origin: Origin) -> ModuleType:
 
 def _line(error: BaseException, path: str) -> int:
     """The line of the file at which it stopped: the last one of it in the traceback."""
-    found, frame = getattr(error, "lineno", None) or 0, error.__traceback__
+    line, frame = getattr(error, "lineno", None) or 0, error.__traceback__
     while frame is not None:
         if frame.tb_frame.f_code.co_filename == path:
-            found = frame.tb_lineno
+            line = frame.tb_lineno
         frame = frame.tb_next
-    return found
+    return line
 
 
 def _said(error: BaseException) -> str:
@@ -65,7 +65,7 @@ def sent(origin: Origin, effect: object) -> tuple[Any, ...]:
 
 
 def _received(origin: Origin, name: str, attributes: bytes) -> object:
-    made: Any = getattr(origin.module(), name)
-    effect = made.__new__(made)
+    effect_class: Any = getattr(origin.module(), name)
+    effect = effect_class.__new__(effect_class)
     effect.__dict__.update(ForkingPickler.loads(attributes))
     return effect

@@ -17,16 +17,16 @@ def own_effects(root: Path, names: Sequence[str]) -> tuple[Effect, ...]:
     names: paths relative to `root`. ValueError names the file, and its line where Python stops in it, for a
     file that is missing, not in the folder, or without an effect, and for a name that is taken.
     """
-    found: dict[str, str] = dict.fromkeys((e.name for e in all_effects()), "the library")
+    owners: dict[str, str] = dict.fromkeys((e.name for e in all_effects()), "the library")
     effects = []
     for name in names:
         for effect in _effects_of(origin_of(root, name)):
-            if effect.name in found:
+            if effect.name in owners:
                 raise ValueError(
-                    f"{name}: effect {effect.name!r} has the name of one in {found[effect.name]}; wanted a "
+                    f"{name}: effect {effect.name!r} has the name of one in {owners[effect.name]}; wanted a "
                     "name of its own; rename it and its parameters"
                 )
-            found[effect.name] = name
+            owners[effect.name] = name
             effects.append(effect)
     return tuple(effects)
 

@@ -34,9 +34,9 @@ def felt(values: Sequence[float], part: float = 0.1) -> list[int]:
 
 def pull(along: float, up: float, unit: str) -> str:
     """A force by its parts along the finger and up: "0.12 N up and 0.05 N towards the tip"."""
-    said = [f"{number(up)} {unit} {way(up, 'up', 'down')}",
+    parts = [f"{number(up)} {unit} {way(up, 'up', 'down')}",
             f"{number(along)} {unit} {way(along, 'towards the tip', 'towards the clamp')}"]  # fmt: skip
-    return listed([said[k] for k in felt((up, along))]) or f"0 {unit}"
+    return listed([parts[k] for k in felt((up, along))]) or f"0 {unit}"
 
 
 def at_place(share: float) -> str:
@@ -66,6 +66,6 @@ def direction(vector: Array) -> str:
     """Where a vector (3,) points to, in words: its largest part, and another of more than half of that."""
     pairs = (("towards the tip", "towards the clamp"), ("to +y", "to -y"), ("up", "down"))
     order = sorted(range(3), key=lambda i: -abs(vector[i]))
-    first, second = (pairs[i][int(vector[i] < 0)] for i in order[:2])
+    main, second = (pairs[i][int(vector[i] < 0)] for i in order[:2])
     both = abs(vector[order[1]]) > 0.5 * abs(vector[order[0]])
-    return f"{first} and {second}" if both else first
+    return f"{main} and {second}" if both else main

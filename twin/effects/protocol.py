@@ -277,9 +277,9 @@ def symmetric(*names: str, most: float, unit: str, step: float, likely: float) -
     )
 
 
-def _requirement(name: str, wanted: str) -> Requirement:
+def _requirement(name: str, value: str) -> Requirement:
     try:
-        return Requirement(wanted)
+        return Requirement(value)
     except ValueError:
-        known = ", ".join(repr(r.value) for r in Requirement)
-        raise ValueError(f"effect {name!r} requires {wanted!r}, wanted one of {known}") from None
+        names = ", ".join(repr(r.value) for r in Requirement)
+        raise ValueError(f"effect {name!r} requires {value!r}, wanted one of {names}") from None

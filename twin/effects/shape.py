@@ -43,11 +43,11 @@ class InnerShape(Effect):
         if not moved.any():
             return test
         nodes = test.case.nodes + inner.spread(moved)
-        left = least_volume_ratio(test.case, nodes)
-        if left < LEAST:
+        ratio = least_volume_ratio(test.case, nodes)
+        if ratio < LEAST:
             values = ", ".join(f"{p.name} = {theta[p.name]:.3g} {p.unit}".rstrip() for p in self.parameters)
             raise Unsolvable(
-                f"{values}: an element of the wall keeps {left:.2g} of its volume, wanted {LEAST:g}; the "
+                f"{values}: an element of the wall keeps {ratio:.2g} of its volume, wanted {LEAST:g}; the "
                 "walls are too thin for it, or the mesh too coarse"
             )
         return replace(test, case=replace(test.case, nodes=nodes))
@@ -240,8 +240,8 @@ class ThinBands(InnerShape, Wide, of=Ballooning):
 
     def told(self, values: Theta) -> str:
         depths = [values[p.name] for p in self.parameters]
-        said = [f"{number(depths[k])} mm at {number(self.PLACES[k])}" for k in felt(depths)]
-        return f"the wall is thinner along the chamber, by {listed(said)} of its length, and balloons there"
+        bands = [f"{number(depths[k])} mm at {number(self.PLACES[k])}" for k in felt(depths)]
+        return f"the wall is thinner along the chamber, by {listed(bands)} of its length, and balloons there"
 
     def amounts(self, theta: Theta) -> dict[str, float]:
         """The depth shared by the two nearest bands, times the band's width over 10 mm: as much material."""

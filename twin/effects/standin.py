@@ -21,8 +21,8 @@ class StandIn(Effect):
     ) -> None:
         """amplitudes: their names; all from -most to most, plausible from -likely to likely."""
         self.name = name
-        own = (f"{name}.{a}" for a in amplitudes)
-        self.parameters = symmetric(*own, most=most, unit=unit, step=step, likely=likely)
+        names = (f"{name}.{a}" for a in amplitudes)
+        self.parameters = symmetric(*names, most=most, unit=unit, step=step, likely=likely)
 
     def of(self, theta: Theta, name: str) -> float:
         """The value of its parameter of that name, 0 where it has none."""

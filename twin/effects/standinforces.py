@@ -43,7 +43,7 @@ class OutsideForce(StandIn):
 
     def force(self, theta: Theta) -> Array:
         """The force (3,) in N or N/MPa."""
-        return np.array([self.of(theta, way) for way in self.WAYS])
+        return np.array([self.of(theta, axis) for axis in self.WAYS])
 
     def before(self, test: Test, theta: Theta) -> Test:
         force = {self.place: self.force(theta)}
@@ -78,14 +78,14 @@ class Twist(StandIn):
         moment = self.of(theta, "moment")
         if not moment:
             return test
-        sides = {way: at for way in (1, -1) if (at := way * y > 0).any()}  # half of a finger has one of them
-        arm = 2 * float(np.mean([abs(y[at].mean()) for at in sides.values()]))
-        own = {f"{self.name}_{way}": np.array([0.0, 0.0, way * moment / arm]) for way in sides}
-        rows = {f"{self.name}_{way}": end[at] for way, at in sides.items()}
+        sides = {sign: inside for sign in (1, -1) if (inside := sign * y > 0).any()}  # half of a finger has one of them
+        arm = 2 * float(np.mean([abs(y[inside].mean()) for inside in sides.values()]))
+        forces = {f"{self.name}_{sign}": np.array([0.0, 0.0, sign * moment / arm]) for sign in sides}
+        rows = {f"{self.name}_{sign}": end[inside] for sign, inside in sides.items()}
         case = replace(case, node_sets={**case.node_sets, **rows})
         if self.growing:
-            return replace(test, case=replace(case, growing={**case.growing, **own}))
-        return replace(test, case=replace(case, forces={**case.forces, **own}))
+            return replace(test, case=replace(case, growing={**case.growing, **forces}))
+        return replace(test, case=replace(case, forces={**case.forces, **forces}))
 
     def resembles(self, theta: Theta) -> str:
         moment = self.of(theta, "moment")
@@ -157,8 +157,8 @@ class Coming(StandIn):
     def before(self, test: Test, theta: Theta) -> Test:
         plus = self.changed(test, theta)
         away = plus if plus is test.case else self.changed(test, {k: -v for k, v in theta.items()})
-        own = Perturbation(plus, away, self.at_output(test.path))
-        return replace(test, perturbations=(*test.perturbations, own))
+        perturbation = Perturbation(plus, away, self.at_output(test.path))
+        return replace(test, perturbations=(*test.perturbations, perturbation))
 
     def at_output(self, path: Path) -> Array:
         """The `course` (s,) at the outputs of a path."""

@@ -19,7 +19,7 @@ class MountingDrift(StandIn):
 
     def __init__(self, span: Span) -> None:
         self.span = span
-        names = (f"{way}{k}" for way in ("along", "up") for k in (1, 2, 3))
+        names = (f"{axis}{k}" for axis in ("along", "up") for k in (1, 2, 3))
         super().__init__("drift", names, "mm", most=5.0, step=0.02, likely=0.3)
 
     def course(self, time: Array, theta: Theta) -> Array:
@@ -63,9 +63,9 @@ class ClampPlay(StandIn):
         low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
         x, z = case.clamp.centre if case.clamp else (low[0], (low[2] + high[2]) / 2)
         turn = np.interp(path.output, path.time, self.turn(path.pressure / self.span.top, theta))[:, None]
-        at = test.points + u - [x, 0.0, z]
-        along = (np.cos(turn) - 1) * at[..., 0] + np.sin(turn) * at[..., 2]
-        up = (np.cos(turn) - 1) * at[..., 2] - np.sin(turn) * at[..., 0]
+        arm = test.points + u - [x, 0.0, z]
+        along = (np.cos(turn) - 1) * arm[..., 0] + np.sin(turn) * arm[..., 2]
+        up = (np.cos(turn) - 1) * arm[..., 2] - np.sin(turn) * arm[..., 0]
         return u + np.stack([along, np.zeros_like(up), up], axis=-1) * test.moving[:, None]
 
     def resembles(self, theta: Theta) -> str:
@@ -93,12 +93,12 @@ class WrongPicture(StandIn):
         super().__init__("picture", self.WORDS, "", most=0.3, step=0.01, likely=0.03)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
-        at = {name: self.of(theta, name) for name in self.WORDS}
+        amplitudes = {name: self.of(theta, name) for name in self.WORDS}
         seen = test.points + u - test.points.mean(axis=0)
         x, z = seen[..., 0], seen[..., 2]
-        radial = (at["kx"] * x + at["kz"] * z) / 100.0 + at["r2"] * (x**2 + z**2) / 1e4
-        wrong_x = at["xx"] * x + at["xz"] * z + radial * x
-        wrong_z = at["zx"] * x + at["zz"] * z + radial * z
+        radial = (amplitudes["kx"] * x + amplitudes["kz"] * z) / 100.0 + amplitudes["r2"] * (x**2 + z**2) / 1e4
+        wrong_x = amplitudes["xx"] * x + amplitudes["xz"] * z + radial * x
+        wrong_z = amplitudes["zx"] * x + amplitudes["zz"] * z + radial * z
         return u + np.stack([wrong_x, np.zeros_like(x), wrong_z], axis=-1)
 
     def resembles(self, theta: Theta) -> str:
@@ -113,7 +113,7 @@ class MarkerJump(StandIn):
 
     def __init__(self, marker: str, times: Array) -> None:
         self.marker, self.times = marker, tuple(float(t) for t in times)
-        names = (f"{way}{k}" for k in range(len(self.times)) for way in ("along", "up"))
+        names = (f"{axis}{k}" for k in range(len(self.times)) for axis in ("along", "up"))
         super().__init__(_name("slip_of", marker), names, "mm", most=5.0, step=0.05, likely=0.5)
 
     def _jumps(self, theta: Theta) -> Array:
@@ -123,8 +123,8 @@ class MarkerJump(StandIn):
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         after = np.asarray(test.path.output[:, None] >= np.array(self.times), float)
-        own = np.array([m == self.marker for m in test.markers], float)
-        return u + own[:, None] * (after @ self._jumps(theta))[:, None]
+        on_marker = np.array([m == self.marker for m in test.markers], float)
+        return u + on_marker[:, None] * (after @ self._jumps(theta))[:, None]
 
     def resembles(self, theta: Theta) -> str:
         sizes = np.linalg.norm(self._jumps(theta), axis=1)
@@ -143,20 +143,20 @@ class MarkerPeel(StandIn):
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         gone = (1 + self.span.across(test.path.output)) / 2
-        own = np.array([m == self.marker for m in test.markers], float)
-        return u + gone[:, None, None] * own[:, None] * self._way(theta)
+        on_marker = np.array([m == self.marker for m in test.markers], float)
+        return u + gone[:, None, None] * on_marker[:, None] * self._shift(theta)
 
-    def _way(self, theta: Theta) -> Array:
+    def _shift(self, theta: Theta) -> Array:
         """By how much (3,) mm in all."""
         return np.array([self.of(theta, "along"), 0.0, self.of(theta, "up")])
 
     def resembles(self, theta: Theta) -> str:
-        way = self._way(theta)
-        much = f"{float(np.linalg.norm(way)):.2g} mm {direction(way)}"
+        shift = self._shift(theta)
+        much = f"{float(np.linalg.norm(shift)):.2g} mm {direction(shift)}"
         return f"marker {self.marker} peeling by {much} from {self.span.begin:.3g} s to {self.span.end:.3g} s"
 
 
-def _name(first: str, marker: str) -> str:
+def _name(prefix: str, marker: str) -> str:
     """A name of small letters and digits, of a marker's whatever that has."""
     plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in marker.lower())
-    return f"{first}_{plain}"
+    return f"{prefix}_{plain}"

@@ -32,8 +32,8 @@ class OtherPressure(StandIn):
     by: ClassVar[tuple[str, int, int]]  # of what, and the first and the last term
 
     def __init__(self, span: Span) -> None:
-        self.span, (by, first, last) = span, self.by
-        names = (f"c{k}" for k in range(first, last + 1))
+        self.span, (by, lowest, highest) = span, self.by
+        names = (f"c{k}" for k in range(lowest, highest + 1))
         super().__init__(f"pressure_by_{by}", names, "", most=0.5, step=0.01, likely=0.1)
 
 
@@ -54,9 +54,9 @@ class PressureCurve(OtherPressure):
         x = np.linspace(0.0, 1.0, 21)
         off = self.wrong(x, theta)
         k = int(np.abs(off).argmax())
-        much, at = abs(off[k]) * self.span.top * 1e3, x[k] * self.span.top * 1e3
+        much, pressure = abs(off[k]) * self.span.top * 1e3, x[k] * self.span.top * 1e3
         return (
-            f"a pressure {much:.2g} kPa {'higher' if off[k] > 0 else 'lower'} than recorded at {at:.2g} kPa"
+            f"a pressure {much:.2g} kPa {'higher' if off[k] > 0 else 'lower'} than recorded at {pressure:.2g} kPa"
         )
 
 
@@ -77,10 +77,10 @@ class PressureCourse(OtherPressure):
         time = np.linspace(self.span.begin, self.span.end, 41)
         off = self.wrong(time, theta)
         low, high = int(off.argmin()), int(off.argmax())
-        first, last = sorted((low, high))
-        way = "falling" if first == high else "rising"
-        span = f"from {time[first]:.3g} s to {time[last]:.3g} s"
-        return f"a pressure {way} by {100 * float(np.ptp(off)):.2g} % against the recorded one, {span}"
+        start, end = sorted((low, high))
+        trend = "falling" if start == high else "rising"
+        span = f"from {time[start]:.3g} s to {time[end]:.3g} s"
+        return f"a pressure {trend} by {100 * float(np.ptp(off)):.2g} % against the recorded one, {span}"
 
 
 class PressureWay(OtherPressure):
@@ -102,8 +102,8 @@ class PressureWay(OtherPressure):
         both = self.wrong(np.concatenate([x, x[::-1]]), theta)
         apart = both[:41] - both[:40:-1]
         k = int(np.abs(apart).argmax())
-        much, at = abs(apart[k]) * self.span.top * 1e3, x[k] * self.span.top * 1e3
+        much, pressure = abs(apart[k]) * self.span.top * 1e3, x[k] * self.span.top * 1e3
         return (
             f"a pressure {much:.2g} kPa {'higher' if apart[k] > 0 else 'lower'} while it rises than while it "
-            f"falls, at {at:.2g} kPa"
+            f"falls, at {pressure:.2g} kPa"
         )

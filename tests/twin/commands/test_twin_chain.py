@@ -667,7 +667,7 @@ def test_a_blocked_force_is_that_of_the_finest_mesh(chain: tuple[Project, Silent
     finest = list(bench.structure.finer.values())[-1].build()
     finest = finest.with_material(C10=values["C10"], C01=values["C01"])
     path = Course(np.zeros(1), np.zeros(1), np.zeros(1))
-    crept = effect(fit.effects[0], own=()).before(Test(finest, path, np.zeros((0, 3)), np.zeros(0, bool)), values)
+    crept = effect(fit.effects[0], users=()).before(Test(finest, path, np.zeros((0, 3)), np.zeros(0, bool)), values)
     assert found["force_N"] == pytest.approx(_blocked(crept.case, 0.02), rel=0.025)
 
 

@@ -64,7 +64,7 @@ def test_a_model_with_a_table_meets_no_object(bench: Workbench) -> None:
 def test_a_table_is_not_tried_beside_an_object(bench: Workbench) -> None:
     test = bench.model().test
     own = replace(test, case=ROD.beside(test.case))
-    table = effect("contact", own=())
+    table = effect("contact", users=())
     values = {"contact.stiffness": 0.1, "contact.distance": 5.0}
     assert table.before(own, {**values, "contact.stiffness": 0.0}) is own
     with pytest.raises(Unsolvable, match="meets one obstacle alone"):

@@ -48,7 +48,7 @@ def write(folder: Path, text: str, name: str = "effects/fan.py") -> str:
 def test_public_effects_of_a_file_join_the_library(tmp_path: Path) -> None:
     (fan,) = own_effects(tmp_path, [write(tmp_path, FAN)])
     assert (fan.label, fan.sentence) == ("fan", "a fan blows on the finger")
-    assert effect("fan", own=[fan]) is fan
+    assert effect("fan", users=[fan]) is fan
     with pytest.raises(ValueError, match=r"effect 'fan' is not in the library, .* \[model\] effect_files"):
         effect("fan")
     assert own_effects(tmp_path, []) == ()

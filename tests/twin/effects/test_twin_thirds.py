@@ -29,7 +29,7 @@ def test_thirds_are_the_families_of_effects_that_have_no_other() -> None:
 @pytest.mark.parametrize("wide", PARTS, ids=lambda e: e.label)
 def test_thirds_alike_are_the_effect_itself(wide: Parts) -> None:
     test, size = small_test(), wide.only.step
-    one = wide.one.before(test, {wide.only.name: size})
+    one = wide.effect.before(test, {wide.only.name: size})
     thirds = wide.before(test, {p.name: size for p in wide.parameters})
     found, wanted = (respond(t, (), start=None)[0] for t in (thirds, one))
     assert np.abs(wanted - respond(test, (), start=None)[0]).max() > 1e-5

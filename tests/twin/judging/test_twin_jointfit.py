@@ -71,7 +71,7 @@ def test_the_derivatives_of_a_curve_are_those_of_its_residual(model: KeptModel) 
 
 
 def test_a_specimen_has_the_effects_of_the_material_and_no_other(model: KeptModel) -> None:
-    with_all = model.with_effect(effect("stiffening", own=())).with_effect(effect("precurvature", own=()))
+    with_all = model.with_effect(effect("stiffening", users=())).with_effect(effect("precurvature", users=()))
     values = {p.name: (p.low + p.high) / 2 for p in with_all.parameters} | {"C10": 0.2, "C01": 0.1, "stiffening.C20": 0.03}
     found = silicone(with_all, values)
     assert (found.C10, found.C01, found.C20) == (0.2, 0.1, 0.03)
