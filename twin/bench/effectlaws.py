@@ -29,7 +29,7 @@ def laws_of(project: Project, text: str, say: Say) -> tuple[tuple[Effect, ...], 
     diagnosis began the fit that it gave out for them. Of what it could not tell apart the first is taken, and
     the user hears so."""
     first, *others = effects_of(
-        named_effect(project, text), own=own_of(project), law=law_of_project(project)
+        named_effect(project, text), users=own_of(project), law=law_of_project(project)
     )
     if others:
         labels = [AND.join(e.label for e in group) for group in (first, *others)]

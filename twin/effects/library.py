@@ -57,8 +57,8 @@ def effect(label: str, *, users: Sequence[Effect] = (), law: RubberLaw = MOONEY_
                 "an effect of your own with its cause (docs/own-effect.md)"
             )
         raise ValueError(
-            f"effect {label!r} is not in the library, wanted one of {', '.join(laws_by_name)}; one of your own "
-            "stands in a file that twin.toml names under [model] effect_files"
+            f"effect {label!r} is not in the library, wanted one of {', '.join(laws_by_name)}; one of "
+            "your own stands in a file that twin.toml names under [model] effect_files"
         )
     laws = {law.label: law for law in laws_by_name[name]}
     named = laws.get(label) or laws_by_name[name][0].named(label)

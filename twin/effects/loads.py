@@ -111,8 +111,8 @@ class ZeroDrift(Wide, of=PressureOffset):
 
     def told(self, values: Theta) -> str:
         offset, slope, _ = (values[p.name] for p in self.parameters)
-        readings = [f"{_kilopascals(o)} too {way(o, 'little', 'much')}" for o in (offset, offset + slope)]
-        return f"the zero of the pressure gauge drifts: it reads {readings[0]} at first, {readings[1]} a minute later"
+        begin, later = (f"{_kilopascals(o)} too {way(o, 'little', 'much')}" for o in (offset, offset + slope))
+        return f"the zero of the pressure gauge drifts: it reads {begin} at first, {later} a minute later"
 
 
 class Gravity(Effect):

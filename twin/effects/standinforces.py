@@ -78,7 +78,8 @@ class Twist(StandIn):
         moment = self.of(theta, "moment")
         if not moment:
             return test
-        sides = {sign: inside for sign in (1, -1) if (inside := sign * y > 0).any()}  # half of a finger has one of them
+        # half of a finger has one side
+        sides = {sign: inside for sign in (1, -1) if (inside := sign * y > 0).any()}
         arm = 2 * float(np.mean([abs(y[inside].mean()) for inside in sides.values()]))
         forces = {f"{self.name}_{sign}": np.array([0.0, 0.0, sign * moment / arm]) for sign in sides}
         rows = {f"{self.name}_{sign}": end[inside] for sign, inside in sides.items()}

@@ -93,12 +93,12 @@ class WrongPicture(StandIn):
         super().__init__("picture", self.WORDS, "", most=0.3, step=0.01, likely=0.03)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
-        amplitudes = {name: self.of(theta, name) for name in self.WORDS}
+        a = {name: self.of(theta, name) for name in self.WORDS}
         seen = test.points + u - test.points.mean(axis=0)
         x, z = seen[..., 0], seen[..., 2]
-        radial = (amplitudes["kx"] * x + amplitudes["kz"] * z) / 100.0 + amplitudes["r2"] * (x**2 + z**2) / 1e4
-        wrong_x = amplitudes["xx"] * x + amplitudes["xz"] * z + radial * x
-        wrong_z = amplitudes["zx"] * x + amplitudes["zz"] * z + radial * z
+        radial = (a["kx"] * x + a["kz"] * z) / 100.0 + a["r2"] * (x**2 + z**2) / 1e4
+        wrong_x = a["xx"] * x + a["xz"] * z + radial * x
+        wrong_z = a["zx"] * x + a["zz"] * z + radial * z
         return u + np.stack([wrong_x, np.zeros_like(x), wrong_z], axis=-1)
 
     def resembles(self, theta: Theta) -> str:

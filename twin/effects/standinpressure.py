@@ -55,9 +55,8 @@ class PressureCurve(OtherPressure):
         off = self.wrong(x, theta)
         k = int(np.abs(off).argmax())
         much, pressure = abs(off[k]) * self.span.top * 1e3, x[k] * self.span.top * 1e3
-        return (
-            f"a pressure {much:.2g} kPa {'higher' if off[k] > 0 else 'lower'} than recorded at {pressure:.2g} kPa"
-        )
+        side = "higher" if off[k] > 0 else "lower"
+        return f"a pressure {much:.2g} kPa {side} than recorded at {pressure:.2g} kPa"
 
 
 class PressureCourse(OtherPressure):

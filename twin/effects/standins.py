@@ -21,8 +21,9 @@ def stand_ins(test: Test) -> tuple[StandIn, ...]:
     finger."""
     span, ways = Span.of(test), ("along", "up")
     rows = np.flatnonzero(test.moving)
-    chosen = rows[np.unique(np.linspace(0, len(rows) - 1, MARKERS).round().astype(int))] if len(rows) else rows
-    markers, times = [test.markers[row] for row in chosen], between(test.path.output, TIMES + 2)[1:-1]
+    if len(rows):
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, MARKERS).round().astype(int))]
+    markers, times = [test.markers[row] for row in rows], between(test.path.output, TIMES + 2)[1:-1]
     return (
         *(OutsideForce(place, ways) for place in FORCES),
         *(OutsideForce(place, ways, growing=True) for place in GROWING),
