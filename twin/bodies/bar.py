@@ -19,7 +19,12 @@ MOST = 24  # cells along it
 
 
 class BarTable(CellTable):
-    """Dimensions of a solid bar, held at x = 0. It has no chamber: weight and hung weights load it."""
+    """Dimensions of a solid bar, held at x = 0. It has no chamber: weight and hung weights load it.
+
+    >>> bar = BarTable(length_mm=80.0, width_mm=10.0, height_mm=10.0)
+    >>> bar.lattice.along, bar.places["tip"]
+    (16, (80.0, 5.0, 0.0))
+    """
 
     kind: ClassVar[str] = "bar"
     bends_down: ClassVar[bool] = False
@@ -58,8 +63,8 @@ class BarTable(CellTable):
         quads = box_grid(between([0, self.width_mm / 2], [across]), between([0, self.height_mm], [up]))
         cells = extruded(quads, between([0, self.length_mm], [along])).reshape(-1, 27, 3)
         solid = np.ones(len(cells), bool)
-        at = marks(self.length_mm, self.width_mm / 2, 0.0)
-        return hollow_case(cells, solid, material=material, marks=at)
+        nodes = marks(self.length_mm, self.width_mm / 2, 0.0)
+        return hollow_case(cells, solid, material=material, marks=nodes)
 
     def finer(self, lattice: Cells) -> Mapping[str, Cells]:
         """Finer lattices; a bar has no walls of its own."""

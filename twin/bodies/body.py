@@ -1,4 +1,5 @@
-"""What the program has to know of a kind of actuator, and how its dimensions are drawn."""
+"""The protocol of a kind of actuator: mesh, finer meshes, places for markers, and the drawing of its
+dimensions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -65,8 +66,8 @@ class Body(Protocol):
 
     @property
     def lattice(self) -> Any:
-        """How its dimensions ask to be divided: a frozen dataclass whose `refine` divides every cell so many
-        times in each direction."""
+        """The division that its dimensions ask for: a frozen dataclass whose `refine` divides every cell in
+        each direction."""
         ...
 
     def case(self, lattice: Any, material: "Material") -> "Case":
@@ -84,8 +85,7 @@ class Body(Protocol):
 
     @property
     def places(self) -> Mapping[str, Place]:
-        """Where markers may be glued on it, mm: p1, p2 .. along its lower side, `tip`, and off1 .. above
-        them."""
+        """Places for markers by name, mm: p1, p2 .. along its lower side, `tip`, and off1 .. above them."""
         ...
 
     @property
@@ -95,14 +95,18 @@ class Body(Protocol):
 
     @property
     def remedy(self) -> str:
-        """What to change where its mesh folds."""
+        """The change of dimensions that helps where its mesh folds, in words."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cells:
-    """How a body is divided: cells along it (of a chamber, or of all of it), across and up its section,
-    across each wall, and along each end cap; `refine` divides all of them."""
+    """The division of a body: cells along it (of a chamber, or of all of it), across and up its section,
+    across each wall, and along each end cap; `refine` divides all of them.
+
+    >>> Cells(along=4, across=2, up=3, refine=2).counts
+    (8, 4, 6, 2, 4)
+    """
 
     along: int
     across: int
@@ -145,14 +149,18 @@ def _more(count: int) -> int:
 
 
 def edge_places(length: float, y: float, z: float) -> dict[str, Place]:
-    """Six places p1 .. p6 along a line at y and z, from 0.3 to 0.9 of the length, and the tip at its end."""
-    found = {f"p{k + 1}": (float(x), y, z) for k, x in enumerate(np.linspace(0.3, 0.9, 6) * length)}
-    return found | {TIP: (length, y, z)}
+    """Six places p1 .. p6 along a line at y and z, from 0.3 to 0.9 of the length, and the tip at its end.
+
+    >>> edge_places(100.0, 11.5, 0.0)["p1"], edge_places(100.0, 11.5, 0.0)["tip"]
+    ((30.0, 11.5, 0.0), (100.0, 11.5, 0.0))
+    """
+    places = {f"p{k + 1}": (float(x), y, z) for k, x in enumerate(np.linspace(0.3, 0.9, 6) * length)}
+    return places | {TIP: (length, y, z)}
 
 
 def marks(length: float, y: float, z: float) -> dict[int, Place]:
     """The places of the labelled nodes, tip and middle, on a line at y and z."""
     from fe.mesh.finger import NAMED_NODES
 
-    at = {TIP: length, MIDDLE: MIDWAY * length}
-    return {NAMED_NODES[name]: (x, y, z) for name, x in at.items()}
+    stations = {TIP: length, MIDDLE: MIDWAY * length}
+    return {NAMED_NODES[name]: (x, y, z) for name, x in stations.items()}

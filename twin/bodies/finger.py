@@ -122,11 +122,11 @@ def _check_width(t: FingerTable) -> None:
 
 
 def _check_height(t: FingerTable) -> None:
-    left, least = t.clearance_mm, (2 + ROOM) * t.edge_radius_mm
-    if left < least:
+    clearance, least = t.clearance_mm, (2 + ROOM) * t.edge_radius_mm
+    if clearance < least:
         raise ValueError(
             f"model.finger.height_mm = {t.height_mm:g}: the bottom of {t.bottom_wall_mm:g} mm, the top wall "
-            f"of {t.top_wall_mm:g} mm and pleats of {t.pleat_depth_mm:g} mm leave {left:.3g} mm for the "
+            f"of {t.top_wall_mm:g} mm and pleats of {t.pleat_depth_mm:g} mm leave {clearance:.3g} mm for the "
             f"chamber in the valleys; wanted {least:.3g} mm or more for edges of radius {t.edge_radius_mm:g} "
             "mm; make the finger higher, or walls, pleats or radius smaller"
         )
@@ -203,9 +203,9 @@ class BuiltIn:
         g, y = self.finger, self.finger.width / 2
         edge = np.linspace(0.3, 0.9, 6) * g.length
         crests = g.base_cap + g.pitch * (np.unique(np.linspace(0, g.bellows - 1, 3).round()) + 0.5)
-        found = {f"p{k + 1}": (float(x), y, 0.0) for k, x in enumerate(edge)} | {"tip": (g.length, y, 0.0)}
-        found |= {f"off{k + 1}": (float(x), y, 12.0) for k, x in enumerate(crests)}
-        return found | {"off4": (float(crests[len(crests) // 2]), y, 16.0)}
+        places = {f"p{k + 1}": (float(x), y, 0.0) for k, x in enumerate(edge)} | {"tip": (g.length, y, 0.0)}
+        places |= {f"off{k + 1}": (float(x), y, 12.0) for k, x in enumerate(crests)}
+        return places | {"off4": (float(crests[len(crests) // 2]), y, 16.0)}
 
     @property
     def sketch(self) -> Sketch:

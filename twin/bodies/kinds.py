@@ -1,4 +1,8 @@
-"""The kinds of body that twin.toml can name, each with the table of its dimensions."""
+"""The kinds of body that twin.toml can name, each with the table of its dimensions.
+
+>>> sorted(BODIES)
+['bar', 'finger', 'pneunet', 'tube']
+"""
 
 from twin.bodies.bar import BarTable
 from twin.bodies.finger import FingerTable

@@ -24,7 +24,11 @@ ON = 1e-6  # mm
 
 
 class PneunetTable(CellTable):
-    """Dimensions of a PneuNet: chambers in a row over a channel that joins them, with gaps between them."""
+    """Dimensions of a PneuNet: chambers in a row over a channel that joins them, with gaps between them.
+
+    >>> PneunetTable().pitch_mm, PneunetTable().length_mm  # mm
+    (13.0, 88.0)
+    """
 
     kind: ClassVar[str] = "pneunet"
     bends_down: ClassVar[bool] = True
@@ -55,11 +59,11 @@ class PneunetTable(CellTable):
             ("width_mm", self.width_mm - 2 * self.side_wall_mm, self.side_wall_mm, "side_wall_mm"),
             ("height_mm", self._ceiling - self._floor, self.top_wall_mm, "top_wall_mm"),
         )
-        for key, inner, wall, other in rules:
+        for key, inner, wall, wall_key in rules:
             if inner < wall:
                 raise ValueError(
                     f"model.pneunet.{key} = {getattr(self, key):g}: the chamber is {inner:.3g} mm there, and "
-                    f"its wall {other} = {wall:g} mm is thicker; wanted {wall:g} mm of chamber or more"
+                    f"its wall {wall_key} = {wall:g} mm is thicker; wanted {wall:g} mm of chamber or more"
                     f"{' above the gaps' if key == 'height_mm' else ''}; make {key} larger, or walls thinner"
                 )
         room = self.width_mm - 2 * self.side_wall_mm
@@ -127,8 +131,8 @@ class PneunetTable(CellTable):
 
         x, y, z = self._stations(lattice), self._across(lattice), self._up(lattice)
         cells = extruded(box_grid(y, z), x).reshape(-1, 27, 3)
-        at, y_at, z_at = cells.mean(axis=1).T
-        void, gap = self._inside(at, y_at, z_at)
+        x_at, y_at, z_at = cells.mean(axis=1).T
+        void, gap = self._inside(x_at, y_at, z_at)
         case = hollow_case(
             cells[~gap], ~void[~gap], material=material, marks=marks(self.length_mm, self.width_mm / 2, 0.0)
         )
@@ -137,10 +141,10 @@ class PneunetTable(CellTable):
         return replace(case, surfaces=surfaces, layers=layers)
 
     def _inside(self, x: Array, y: Array, z: Array) -> "tuple[Flags, Flags]":
-        """Which places (c,) mm lie in the chambers or the channel, and which in a gap."""
-        first, last = self._starts[0], self._starts[-1] + self.chamber_length_mm
-        along = (x - first) % self.pitch_mm
-        inner, middle = along < self.chamber_length_mm, (x > first) & (x < last)
+        """Flags (c,) of places in mm: inside the chambers or the channel, and inside a gap."""
+        start, end = self._starts[0], self._starts[-1] + self.chamber_length_mm
+        along = (x - start) % self.pitch_mm
+        inner, middle = along < self.chamber_length_mm, (x > start) & (x < end)
         room = (y < self.width_mm / 2 - self.side_wall_mm) & (z > self.bottom_wall_mm) & (z < self._ceiling)
         roof = self.bottom_wall_mm + self.channel_height_mm
         channel = (y < self.channel_width_mm / 2) & (z > self.bottom_wall_mm) & (z < roof)
@@ -191,8 +195,8 @@ class PneunetTable(CellTable):
         """Places along the lower edge of the side, and above it on the sides of chambers."""
         y, last = self.width_mm / 2, self.chambers - 1
         middles = [start + self.chamber_length_mm / 2 for start in self._starts]
-        some = [middles[k] for k in sorted({0, last // 2, last})]
-        off = {f"off{k + 1}": (x, y, 0.6 * self.height_mm) for k, x in enumerate(some)}
+        chosen = [middles[k] for k in sorted({0, last // 2, last})]
+        off = {f"off{k + 1}": (x, y, 0.6 * self.height_mm) for k, x in enumerate(chosen)}
         return edge_places(self.length_mm, y, 0.0) | off
 
     @property

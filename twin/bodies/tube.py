@@ -248,8 +248,8 @@ def _section(across: int, up: int, wall: int, ring: int) -> tuple[Array, "NDArra
     core = box_grid(y, z)
     line = np.concatenate([path(y, -1.0), path(1.0, z[1:]), path(y[-2::-1], 1.0)])
     rings = [
-        grid_quads(line[:, None] * (first + np.arange(count + 1) / count)[:, None])[:, [0, 3, 2, 1]]
-        for first, count in ((1.0, ring), (2.0, wall))
+        grid_quads(line[:, None] * (start + np.arange(count + 1) / count)[:, None])[:, [0, 3, 2, 1]]
+        for start, count in ((1.0, ring), (2.0, wall))
     ]  # counter-clockwise
     quads = np.concatenate([core, *rings])
     return quads, np.arange(len(quads)) < len(core) + len(rings[0])

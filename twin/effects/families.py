@@ -46,8 +46,8 @@ class Wide(Effect):
         return {k: v for k, v in theta.items() if k.partition(".")[0] != self.name}
 
     def amounts(self, theta: Theta) -> dict[str, float]:
-        """What the values of any law of the same physics amount to in amplitudes; those that the law has,
-        too, as they are."""
+        """The family's amplitudes that come nearest to fitted values of another law of this physics;
+        amplitudes that both have keep their values."""
         return {p.name: theta[p.name] for p in self.parameters if p.name in theta}
 
     def bounded(self, values: Sequence[float] | Array) -> dict[str, float]:
@@ -57,13 +57,21 @@ class Wide(Effect):
 
 
 def neighbours(place: float, places: Sequence[float] | Array) -> Array:
-    """The shares (k,) by which the two of `places` (k,) next to a place carry what is there."""
+    """Weights (k,) of linear interpolation at a place between `places` (k,): two are not 0, their sum is 1.
+
+    >>> neighbours(0.5, (0.4, 0.7, 1.0)).round(3)
+    array([0.667, 0.333, 0.   ])
+    """
     return np.array([np.interp(place, places, unit) for unit in np.eye(len(places))])
 
 
 def in_logs(terms: Sequence[tuple[float, float]], places: Sequence[float]) -> Array:
     """Amplitudes (k,) at fixed places (k,) > 0 of terms (amplitude, place) anywhere: each is shared by its
-    two neighbours, evenly in the logarithm."""
+    two neighbours, evenly in the logarithm.
+
+    >>> in_logs([(0.1, 10.0)], (1.0, 100.0))
+    array([0.05, 0.05])
+    """
     return sum((x * neighbours(np.log(place), np.log(places)) for x, place in terms), np.zeros(len(places)))
 
 

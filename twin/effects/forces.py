@@ -169,6 +169,10 @@ def _stations() -> Array:
 
 
 def shares(place: float) -> Array:
-    """What each section carries (STATIONS,) of a force at a place from 0 to 1; just beyond, as the splines go
-    on."""
+    """Shares (STATIONS,) of a force at a place from 0 to 1 that the sections carry, by quadratic B-splines,
+    which keep force and moment (Schoenberg 1967); just beyond 0 and 1 the splines are continued.
+
+    >>> round(float(shares(0.37).sum()), 12)
+    1.0
+    """
     return np.asarray(BSpline(_knots(), np.eye(STATIONS), DEGREE)(place), float)

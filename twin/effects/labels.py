@@ -1,4 +1,4 @@
-"""How effects are named in twin.toml, on the command line, in verdicts and in rankings: the one grammar.
+"""The grammar of effects' names in twin.toml, on the command line, in verdicts and in rankings.
 
 A label is a name, or a name and a law: `creep`, `creep:2`, `creep:wide`, `marker_slip:p3@10.1s`. A verdict
 joins names by " + " where effects are missing together, and such groups by " or " where the data cannot tell
@@ -25,12 +25,20 @@ KINDS = {
 
 
 def name_of(label: str) -> str:
-    """The effect's name in a label."""
+    """The effect's name in a label.
+
+    >>> name_of("creep:wide"), name_of("marker_slip:p3@10.1s")
+    ('creep', 'marker_slip')
+    """
     return label.partition(":")[0]
 
 
 def checked(label: str) -> str:
-    """The label; ValueError where it is none."""
+    """The label; ValueError where it is none.
+
+    >>> checked("creep:2")
+    'creep:2'
+    """
     if not LABEL.fullmatch(label):
         raise ValueError(
             "wanted the name of an effect, creep, or with its law, creep:2, creep:wide or "
@@ -40,8 +48,12 @@ def checked(label: str) -> str:
 
 
 def groups(text: str) -> tuple[tuple[str, ...], ...]:
-    """What a text names as a verdict does: groups that the data cannot tell apart, each of labels that are
-    missing together."""
+    """Groups that the data cannot tell apart, named as in a verdict; each is a tuple of the labels that are
+    missing together.
+
+    >>> groups("creep + gravity or tube")
+    (('creep', 'gravity'), ('tube',))
+    """
     return tuple(tuple(group.split(AND)) for group in text.split(OR))
 
 
@@ -55,5 +67,9 @@ def checked_groups(text: str) -> str:
 
 
 def kind_of(words: str) -> str | None:
-    """The kind of stand-in that a verdict's words name; None where they name none."""
+    """The kind of stand-in that a verdict's words name; None where they name none.
+
+    >>> kind_of("an outside force"), kind_of("creep")
+    ('outside force', None)
+    """
     return next((kind for kind, phrase in KINDS.items() if words in (kind, phrase)), None)

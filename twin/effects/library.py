@@ -16,7 +16,11 @@ from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 
 
 def all_effects(law: RubberLaw = MOONEY_RIVLIN) -> tuple[Effect, ...]:
-    """All effects that `twin diagnose` tries, each in its narrowest law, beside the base model's law."""
+    """All effects that `twin diagnose` tries, each in its narrowest law, beside the base model's law.
+
+    >>> [e.name for e in all_effects()][:4]
+    ['creep', 'pressure_lag', 'stiffening', 'clamp']
+    """
     every: tuple[Effect, ...] = (
         Creep(), PressureLag(), Stiffening(), ElasticClamp(), PressureGain(), PressureOffset(), Gravity(),
         CameraScale(), WallTaper(), EccentricCore(), SidewaysCore(), Ballooning(), Precurvature(),
@@ -44,6 +48,12 @@ def effect(label: str, *, users: Sequence[Effect] = (), law: RubberLaw = MOONEY_
     """The effect named by a label in twin.toml, for example `creep` or `creep:2`; ValueError if unknown.
 
     users: the effects of the user's own files; law: the base model's.
+
+    >>> creep = effect("creep:2")
+    >>> creep.label, [p.name for p in creep.parameters]
+    ('creep:2', ['creep.g1', 'creep.tau1', 'creep.g2', 'creep.tau2'])
+    >>> creep.told({"creep.g1": 0.08, "creep.tau1": 2.0, "creep.g2": 0.05, "creep.tau2": 30.0})
+    'the silicone creeps: 8 % of its stiffness relaxes with 2 s, 5 % with 30 s'
     """
     name = labels.name_of(label)
     laws_by_name = {e.name: e.laws() for e in (*all_effects(law), *users)}

@@ -190,7 +190,8 @@ class DistributedLag(Wide, of=PressureLag):
         return f"the pressure in the chamber is {number(late)} s {side} the gauge, by more than one delay"
 
     def amounts(self, theta: Theta) -> dict[str, float]:
-        """One line's tau shared by the two nearest of TAUS; a tau below the least is as much less of it."""
+        """Weights of a single delay tau, shared by the two nearest of TAUS; a tau below the least has a
+        smaller one."""
         tau = theta.get("pressure_lag.tau", 0.0)
         term = (min(tau / self.TAUS[0], 1.0), max(tau, self.TAUS[0]))
         return self.bounded(in_logs([term], self.TAUS))
@@ -206,6 +207,10 @@ def first_order_lag(time: Array, pressure: Array, tau: float) -> Array:
     start.
 
     For tau <= 0 the linear continuation p - tau dp/dt, so that the map can be differenced at tau = 0.
+
+    >>> time = np.linspace(0.0, 3.0, 4)
+    >>> first_order_lag(time, time, 1.0).round(3)  # a ramp t is followed by t - tau (1 - exp(-t / tau))
+    array([0.   , 0.368, 1.135, 2.05 ])
     """
     slope = np.diff(pressure) / np.diff(time)
     if tau <= 0:

@@ -113,7 +113,11 @@ class _Closer(MarkerSlip):
 
 
 def between(output: Array, most: int) -> Array:
-    """At most so many times (k,) s, each half way from one output to the next, evenly among them."""
+    """Times (k,) s midway between neighbouring outputs (s,) s, at most `most` of them, evenly chosen.
+
+    >>> between(np.arange(6.0), 3)
+    array([0.5, 2.5, 4.5])
+    """
     if len(output) < 2:
         return np.asarray(output[:1], float)
     half = (output[1:] + output[:-1]) / 2

@@ -54,7 +54,7 @@ class CameraRotation(Effect):
 
 
 class CameraTilt(Effect):
-    """The picture's plane is tilted against that of the motion: by `up` about x and by `aside` about z.
+    """Tilt of the picture's plane against the plane of the motion: by `up` about x and by `aside` about z.
 
     Positions q, from the markers' middle, are turned by both, q' = T q, and projected from a camera
     DISTANCE away: seen at q'_x k and q'_z k with k = (1 + q_y / D) / (1 + q'_y / D), exact for any angle. To
@@ -91,7 +91,11 @@ def _degrees(angle: float) -> str:
 
 
 def turn(axis: int, angle: float) -> Array:
-    """The rotation (3, 3) by an angle in rad about x, y or z (axis 0, 1, 2); about y from x towards z."""
+    """The rotation (3, 3) by an angle in rad about x, y or z (axis 0, 1, 2); about y from x towards z.
+
+    >>> turn(1, np.pi / 2).round(6) @ [1.0, 0.0, 0.0]
+    array([0., 0., 1.])
+    """
     i, k = [(1, 2), (0, 2), (0, 1)][axis]
     out = np.eye(3)
     out[[i, k, i, k], [i, k, k, i]] = np.cos(angle), np.cos(angle), -np.sin(angle), np.sin(angle)
@@ -124,7 +128,11 @@ class TimeShift(Effect):
 
 def shifted(time: Array, values: Array, shift: float) -> Array:
     """Values (t,) at `shift` s before the times (t,) s, by cubics through them (Catmull & Rom 1974), so that
-    the map has one slope where a log has a corner; before the first time it is as at the first."""
+    the map has one slope where a log has a corner; constant before the first time.
+
+    >>> shifted(np.arange(4.0), np.array([0.0, 1.0, 2.0, 3.0]), 0.5)
+    array([0. , 0.5, 1.5, 2.5])
+    """
     if len(time) < 2:
         return values
     curve = CubicHermiteSpline(time, values, np.gradient(values, time))

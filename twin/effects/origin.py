@@ -21,7 +21,7 @@ class Origin:
     text: str
 
     def module(self) -> ModuleType:
-        """What the file defines. ValueError names the line at which it stops."""
+        """The module that the file defines. ValueError names the line at which it stops."""
         return _run(self)
 
 
@@ -58,8 +58,8 @@ def _said(error: BaseException) -> str:
 
 
 def sent(origin: Origin, effect: object) -> tuple[Any, ...]:
-    """What is pickled of an effect from a file, for a worker process: the file, and the attributes apart from
-    it, since they may be of classes that the file defines."""
+    """The pickle of an effect from a file, for a worker process: the file, and the attributes apart from it,
+    since they may be of classes that the file defines."""
     attributes = bytes(ForkingPickler.dumps(vars(effect)))
     return _received, (origin, type(effect).__qualname__, attributes)
 

@@ -32,7 +32,8 @@ def own_effects(root: Path, names: Sequence[str]) -> tuple[Effect, ...]:
 
 
 def origin_of(root: Path, name: str) -> Origin:
-    """The file as it is now. ValueError where it cannot be read, or lies outside the project folder."""
+    """The file with its present text. ValueError where it cannot be read, or lies outside the project
+    folder."""
     path = (root / name).resolve()
     if not path.is_relative_to(root.resolve()):
         raise ValueError(f"model.effect_files: {name} lies outside the project folder; copy it into effects/")

@@ -1,4 +1,4 @@
-"""What a physical effect is: two pure maps, of what goes into a prediction and of what comes out.
+"""The protocol of a physical effect: two pure maps, one of a prediction's input and one of its output.
 
 An effect never states a derivative: `Model` differences its maps. At its null values a prediction equals
 the base, bit for bit on the same mesh (`Model.over`: half of a symmetric one, or all of it).
@@ -57,8 +57,8 @@ class Slip:
 
 @dataclass(frozen=True)
 class Perturbation:
-    """What a small change of the case, half the difference of two, does to displacements, to first order and
-    times a `course` (s,) at every output: nothing where both are the same object."""
+    """A small change of the case, half the difference of two, that acts on displacements to first order,
+    times a `course` (s,) at every output; none where both are one object."""
 
     plus: Case
     minus: Case
@@ -105,6 +105,15 @@ class Effect:
 
     Raises ValueError where a class is defined with a name, an order, a requirement or a kind that does not
     exist.
+
+    >>> class Cable(Effect):
+    ...     name, order, sentence = "cable", Order.SUPPORT, "a cable pulls at the tip"
+    ...     parameters = symmetric("cable.up", most=1.0, unit="N", step=0.02, likely=0.2)
+    >>> cable = Cable()
+    >>> cable.label, [(p.name, p.null, p.unit) for p in cable.amplitudes]
+    ('cable', [('cable.up', 0.0, 'N')])
+    >>> Cable.__mro__[1].lacks(cable, None), cable.wide()
+    ('', None)
     """
 
     name: str = ""
@@ -133,7 +142,7 @@ class Effect:
                              f"{', '.join(map(repr, KINDS))}")  # fmt: skip
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """What is sent to a worker process: of an effect from a file, the file's text too."""
+        """The pickle for a worker process; of an effect from a file it holds the file's text."""
         if self.origin is None:
             return super().__reduce_ex__(protocol)
         return sent(self.origin, self)
@@ -150,46 +159,47 @@ class Effect:
         return self.grid or ({},)
 
     def at(self, entry: Theta, test: Test) -> "Effect":
-        """The effect that is fitted where one of its `tries` on a test shows most: itself, or one that holds
-        what cannot be fitted, such as a marker's number, under a label that twin.toml can name again."""
+        """The effect that is fitted where an entry of its `tries` on a test shows most: itself, or a copy
+        that holds what cannot be fitted, such as a marker's number, under a label that twin.toml can name
+        again."""
         del entry, test
         return self
 
     def closer(self, entry: Theta, test: Test) -> "Effect | None":
-        """The effect with more `tries` near one of its own, where these are coarser than the data are."""
+        """The effect with a finer grid of `tries` about an entry, where the grid is coarser than the data."""
         del entry, test
         return None
 
     def named(self, label: str) -> "Effect | None":
-        """The effect that a label of twin.toml names, where it is made by `at` or `wide` and not one of the
-        laws."""
+        """The effect that a label of twin.toml names, where `at` or `wide` make it; None for all other
+        labels."""
         wide = self.wide()
         return wide if wide is not None and wide.label == label else None
 
     def before(self, test: Test, theta: Theta) -> Test:
-        """The test with the effect in it; at null values the same object's content."""
+        """The test with the effect in it; unchanged at null values."""
         del theta
         return test
 
     def lacks(self, case: Case) -> str:
-        """What a structure would need to have for the effect to mean anything, "no chamber"; "" where it has
-        it. There `before` changes nothing."""
+        """The lack of a structure for which the effect has no meaning, "no chamber"; "" where it has one.
+        With a lack `before` changes nothing."""
         del case
         return ""
 
     def breaks_symmetry(self, test: Test) -> bool:
-        """Whether it loads or shapes the halves y > 0 and y < 0 of the test differently; then the whole is
-        modelled. Nothing but this says so."""
+        """True if it loads or shapes the halves y > 0 and y < 0 of the test differently; then the whole is
+        modelled."""
         del test
         return False
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
-        """What the camera makes of displacements u (s, p, 3) mm of the test's points."""
+        """Displacements (s, p, 3) mm as the camera sees them, from u (s, p, 3) mm of the test's points."""
         del test, theta
         return u
 
     def told(self, values: Theta) -> str:
-        """What was found, with fitted values of its parameters by name: a clause with sizes, units and
+        """The effect in words at fitted values of its parameters by name: a clause with sizes, units and
         directions, "the core lies 0.4 mm too high (towards +z)"; by default the sentence alone."""
         del values
         return self.sentence
@@ -206,20 +216,20 @@ class Effect:
         return self
 
     def laws(self) -> tuple["Effect", ...]:
-        """Every law of the same physics that can be named in twin.toml, the narrowest first."""
+        """All laws of this physics that can be named in twin.toml, the narrowest first."""
         return (self,)
 
     def wider(self) -> "Effect | None":
-        """The same physics with a richer law, to be tried where this one is inadequate."""
+        """The next richer law of this physics, tried where this one is inadequate; None for the richest."""
         return None
 
     def wide(self) -> "Effect | None":
-        """The widest family of the same physics, with amplitudes alone on a fixed basis; None where the laws
-        hold all that is known. Its `start` maps the values of any law into it, as nearly as it can."""
+        """The widest family of this physics, with amplitudes alone on a fixed basis; None where the laws hold
+        all that is known. Its `start` maps the values of any law into it, as nearly as it can."""
         return None
 
     def start(self, theta: Theta) -> Theta:
-        """Starting values, from those of the narrower law."""
+        """Starting values of the parameters, from values of the narrower law."""
         return theta
 
 
@@ -242,11 +252,11 @@ class Family(Effect):
         self.grid = self.tried(terms)
 
     def law(self, terms: int) -> tuple[Parameter, ...]:
-        """The parameters of the law with so many terms."""
+        """The parameters of the law with `terms` terms."""
         raise NotImplementedError
 
     def tried(self, terms: int) -> tuple[Theta, ...]:
-        """The grid of the law with so many terms."""
+        """The grid of the law with `terms` terms."""
         del terms
         return ()
 
@@ -255,7 +265,7 @@ class Family(Effect):
         return self.name if self.terms == 1 else f"{self.name}:{self.terms}"
 
     def again(self, terms: int) -> Effect:
-        """The same physics by its law with so many terms."""
+        """The effect of this physics whose law has `terms` terms."""
         return type(self)(terms)
 
     def laws(self) -> tuple[Effect, ...]:
@@ -270,7 +280,12 @@ class Family(Effect):
 
 def symmetric(*names: str, most: float, unit: str, step: float, likely: float) -> tuple[Parameter, ...]:
     """Amplitudes of either sign: 0 where the effect is absent, from -most to most, plausible from -likely to
-    likely; a change by `step` shows."""
+    likely; a change by `step` shows.
+
+    >>> (gain,) = symmetric("gain.share", most=0.3, unit="", step=0.02, likely=0.1)
+    >>> gain.low, gain.high, gain.null, gain.plausible
+    (-0.3, 0.3, 0.0, (-0.1, 0.1))
+    """
     return tuple(
         Parameter(name, -most, most, unit, null=0.0, typical=step, plausible=(-likely, likely))
         for name in names

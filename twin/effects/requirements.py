@@ -1,4 +1,4 @@
-"""What an effect may ask of the data, and whether targets hold it."""
+"""Requirements of effects on the data, each with its test on targets."""
 
 from collections.abc import Callable, Sequence
 from enum import StrEnum
@@ -11,7 +11,7 @@ UNLOADED = 0.1  # of the top pressure is how far it must fall, for an effect tha
 
 
 class Requirement(StrEnum):
-    """What the data must hold for an effect to be testable."""
+    """A property of the data without which an effect cannot be tested."""
 
     HISTORY = "history"
     UNLOADING = "unloading"
@@ -19,7 +19,7 @@ class Requirement(StrEnum):
 
 
 def unloads(targets: Targets) -> bool:
-    """Whether the pressure falls by a tenth of its top at some step, after it was higher."""
+    """True if the pressure at some step is a tenth of its top or more below an earlier one."""
     p = np.interp(targets.time, targets.log_time, targets.log_pressure)
     return bool((np.maximum.accumulate(p) - p).max() >= UNLOADED * p.max())
 

@@ -33,13 +33,13 @@ class StandIn(Effect):
         return [float(theta.get(p.name, 0.0)) for p in self.parameters]
 
     def resembles(self, theta: Theta) -> str:
-        """What it looks like at values of its parameters: "0.18 N near the tip, pointing up"."""
+        """The stand-in in words at values of its parameters: "0.18 N near the tip, pointing up"."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class Span:
-    """What a test spans: its first and last time in s, and its top pressure in MPa."""
+    """The extent of a test: its first and last time in s, and its top pressure in MPa."""
 
     begin: float
     end: float

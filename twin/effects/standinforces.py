@@ -95,7 +95,7 @@ class Twist(StandIn):
 
 
 class SoftSpot(StandIn):
-    """A band around the finger, a fifth of it long, whose material is softer, in its lower and its upper
+    """A band around the finger, a fifth of its length, whose material is softer, in its lower and its upper
     half; stiffer where negative."""
 
     order, kind, sentence = Order.SUPPORT, "soft spot", "the silicone is softer or stiffer at one place"
@@ -153,7 +153,7 @@ class Coming(StandIn):
 
     @abstractmethod
     def course(self, share: Array) -> Array:
-        """How much of it there is (t,) along pressures (t,) over the top one."""
+        """Strength (t,) along pressures (t,) over the top one: 1 is all of it."""
 
     def before(self, test: Test, theta: Theta) -> Test:
         plus = self.changed(test, theta)
@@ -167,7 +167,7 @@ class Coming(StandIn):
 
 
 class Friction(Coming):
-    """What rubs on the finger at a place: a force that turns round with the way of the pressure."""
+    """Friction on the finger at a place: a force that reverses when the pressure turns back."""
 
     kind, sentence = "friction", "the finger rubs on something"
 

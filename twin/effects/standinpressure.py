@@ -18,7 +18,11 @@ NARROW = 0.1  # where there is one of them alone
 
 def stop(share: Array, half: float) -> Array:
     """The stop operator (t,) of pressures (t,) over the top one, over its half width: as it goes on from 0,
-    held between -1 and 1 (Krasnoselskii & Pokrovskii 1989, doi 10.1007/978-3-642-61302-9)."""
+    held between -1 and 1 (Krasnoselskii & Pokrovskii 1989, doi 10.1007/978-3-642-61302-9).
+
+    >>> stop(np.array([0.0, 0.1, 0.4, 0.3, 0.0]), 0.2)
+    array([ 0. ,  0.5,  1. ,  0.5, -1. ])
+    """
     out, x = [0.0], (share / half).tolist()
     for before, now in pairwise(x):
         out.append(min(max(out[-1] + now - before, -1.0), 1.0))
@@ -43,7 +47,7 @@ class PressureCurve(OtherPressure):
     by = "pressure", 0, 3
 
     def wrong(self, x: Array, theta: Theta) -> Array:
-        """By how much (k,), as a share of the top pressure, it is higher at shares x (k,) of it."""
+        """Excess pressure (k,) at recorded pressures x (k,), both over the top pressure."""
         return np.asarray(polyval(x, self.numbers(theta)), float)
 
     def before(self, test: Test, theta: Theta) -> Test:
@@ -65,7 +69,7 @@ class PressureCourse(OtherPressure):
     by = "time", 1, 4
 
     def wrong(self, time: Array, theta: Theta) -> Array:
-        """By which share (k,) it is higher at times (k,) s."""
+        """Relative excess (k,) of the pressure at times (k,) s."""
         return np.asarray(legval(self.span.across(time), [0.0, *self.numbers(theta)]))
 
     def before(self, test: Test, theta: Theta) -> Test:
@@ -89,7 +93,7 @@ class PressureWay(OtherPressure):
     by = "way", 1, len(WIDTHS)
 
     def wrong(self, x: Array, theta: Theta) -> Array:
-        """By how much (t,), as a share of the top pressure, it is higher along shares x (t,) of it."""
+        """Excess pressure (t,) along the course x (t,) of the recorded one, both over the top pressure."""
         return np.asarray(sum(c * stop(x, half) for c, half in zip(self.numbers(theta), WIDTHS, strict=True)))
 
     def before(self, test: Test, theta: Theta) -> Test:

@@ -66,7 +66,7 @@ class TableContact(Family):
 
 
 class ElasticClamp(Effect):
-    """The clamped face turns about the y axis in proportion to the moment on it, that of the whole finger."""
+    """The clamped face turns about the y axis in proportion to the moment of the whole finger on it."""
 
     name, order = "clamp", Order.SUPPORT
     sentence = "the clamp gives way and turns with the moment on it"

@@ -15,7 +15,13 @@ LAWS = {law.name: law for law in (NEO_HOOKE, MOONEY_RIVLIN, YEOH, GENT, ARRUDA_B
 
 
 def named_law(name: str) -> RubberLaw:
-    """The law of a name. ValueError for one that there is not."""
+    """The law of a name. ValueError for one that there is not.
+
+    >>> named_law("yeoh").source
+    '10.5254/1.3538343'
+    >>> list(LAWS)
+    ['neo-hooke', 'mooney-rivlin', 'yeoh', 'gent', 'arruda-boyce', 'ogden1', 'ogden2', 'ogden3']
+    """
     if name not in LAWS:
         raise ValueError(f"law {name!r}: wanted one of {', '.join(LAWS)}")
     return LAWS[name]
@@ -23,13 +29,17 @@ def named_law(name: str) -> RubberLaw:
 
 def law_of(material: Material) -> RubberLaw | None:
     """The law of fewest constants that a material is of, whatever its bulk modulus, memory and density; None
-    where it is of none."""
-    own = {name: getattr(material, name) for name in NOTHING}
+    where it is of none.
+
+    >>> law_of(Material(C10=0.3)), law_of(Material(C10=0.3, C20=0.01))
+    (RubberLaw(neo-hooke), RubberLaw(yeoh))
+    """
+    terms = {name: getattr(material, name) for name in NOTHING}
     for law in sorted(LAWS.values(), key=lambda law: len(law.parameters)):
         try:
-            made = replace(Material(), **law.of(law.read(material)).terms)
+            candidate = replace(Material(), **law.of(law.read(material)).terms)
         except (ValueError, ZeroDivisionError):
             continue
-        if {name: getattr(made, name) for name in NOTHING} == own:
+        if {name: getattr(candidate, name) for name in NOTHING} == terms:
             return law
     return None

@@ -1,4 +1,4 @@
-"""What a law of the silicone is: constants with bounds, an energy, and how stiffness and form are told apart.
+"""The law of a rubber: constants with bounds, a strain energy, and its split into stiffness and form.
 
 Where pressure alone loads one material, displacements depend on pressure / scale and on the law's shape
 alone: the scale is half of the shear modulus at rest, in MPa (C10 + C01 of Mooney-Rivlin rubber), the shape
@@ -50,7 +50,7 @@ class Shape:
 
 
 def ratio(a: float, b: float) -> float:
-    """a / b; NaN where b is 0, of which no rubber is."""
+    """The quotient a / b; NaN where b is 0, which no rubber has."""
     return a / b if b else np.nan
 
 
@@ -69,6 +69,22 @@ class RubberLaw:
     constants back. split(c): scale and shape; join(scale, shape): the constants back. widened(bounds, fixed):
     those of least squares from those of the genetic algorithm, of the constants that are not fixed. source:
     DOI.
+
+    >>> from twin.laws.catalogue import named_law
+    >>> gent = named_law("gent")
+    >>> gent.formula
+    'W = -mu Jm / 2 ln(1 - (I1 - 3) / Jm)'
+    >>> gent.names, gent.moduli
+    (('mu', 'Jm'), ('mu',))
+    >>> gent.at(0.3, (0.125,)).told
+    'mu = 0.6 MPa, Jm = 8'
+
+    Energy at a uniaxial stretch of 1.5, at constant volume:
+
+    >>> l = np.array([1.5, 1.5**-0.5, 1.5**-0.5])
+    >>> I1, I2 = (l**2).sum(), (l**-2).sum()
+    >>> round(float(gent.energy(gent.nominal.named, I1, I2, l)), 4)
+    0.1817
     """
 
     name: str
@@ -106,12 +122,12 @@ class RubberLaw:
 
     @cached_property
     def moduli(self) -> tuple[str, ...]:
-        """The constants that a stiffer silicone has larger, all by the same factor: those in MPa."""
+        """The constants in MPa: a stiffer silicone has all of them larger by one factor."""
         return tuple(p.name for p in self.parameters if p.unit == MPA)
 
     @cached_property
     def at_rest(self) -> tuple[str, ...]:
-        """Those of them on which the shear modulus at rest depends."""
+        """The `moduli` on which the shear modulus at rest depends."""
         usual = self.nominal
         return tuple(n for n in self.moduli if self.of({**usual.named, n: 2 * usual[n]}).scale != usual.scale)
 
@@ -136,19 +152,19 @@ class RubberLaw:
     def starts(self) -> tuple[tuple[float, ...], ...]:
         """The shapes at which a fit begins: the nominal one, and it with another value that a number may
         have."""
-        first = self.nominal.shape
+        usual = self.nominal.shape
         others = [(k, x) for k, shape in enumerate(self.shapes) for x in shape.also]
-        return first, *((*first[:k], x, *first[k + 1 :]) for k, x in others)
+        return usual, *((*usual[:k], x, *usual[k + 1 :]) for k, x in others)
 
-    def around(self, own: "Constants") -> Bounds:
+    def around(self, constants: "Constants") -> Bounds:
         """Bounds for constants that are known nearly, such as a deck's: as far either way as usual, by the
         stiffness; and those of numbers without unit as usual, or wider where they are beyond."""
-        factor, out = own.scale / self.nominal.scale, {}
+        factor, out = constants.scale / self.nominal.scale, {}
         for p in self.parameters:
             low, high = (factor * p.low, factor * p.high) if p.name in self.moduli else (p.low, p.high)
-            if own[p.name] * high < 0:  # an exponent of the other sign
+            if constants[p.name] * high < 0:  # an exponent of the other sign
                 low, high = -high, -low
-            reach = 1.5 * own[p.name]
+            reach = 1.5 * constants[p.name]
             out[p.name] = min(low, reach), max(high, reach)
         return out
 
@@ -161,7 +177,17 @@ class RubberLaw:
 
 @dataclass(frozen=True)
 class Constants:
-    """Values of a law's constants, in the order of its parameters."""
+    """Values of a law's constants, in the order of its parameters.
+
+    >>> from twin.laws.mooneyrivlin import mooney_rivlin
+    >>> silicone = mooney_rivlin(0.2, 0.1)
+    >>> silicone.told
+    'C10 = 0.2, C01 = 0.1 MPa'
+    >>> round(2 * silicone.scale, 6)  # shear modulus at rest, 2 (C10 + C01), in MPa
+    0.6
+    >>> [round(x, 3) for x in silicone.shape]  # the share C01 / (C10 + C01)
+    [0.333]
+    """
 
     law: RubberLaw
     values: tuple[float, ...]
@@ -220,5 +246,5 @@ def _read(names: tuple[str, ...], m: Material) -> dict[str, float]:
 
 
 def reader(*names: str) -> Any:
-    """What reads the constants of these names off a material."""
+    """A function that reads the constants of these names off a material."""
     return partial(_read, names)

@@ -29,8 +29,8 @@ def _join(scale: float, shape: tuple[float, ...]) -> dict[str, float]:
 
 
 def _widened(bounds: Bounds, fixed: Values) -> Bounds:
-    """Where C01 may be 0 it may be below, and C10 above its bound by as much as the least C01 takes. How far
-    both may go, `Model.allowed` tells (what is stable)."""
+    """Bounds of least squares: where C01 may be 0 it may be negative, and C10 larger by as much as the least
+    C01 takes. `Model.allowed` says up to where that is stable."""
     low, high = bounds.get("C01", (math.inf, 0.0))
     if low > 0.0:
         return bounds
@@ -42,7 +42,11 @@ def _widened(bounds: Bounds, fixed: Values) -> Bounds:
 
 
 def mooney_rivlin(C10: float, C01: float) -> Constants:
-    """The constants C10 and C01 in MPa."""
+    """The constants C10 and C01 in MPa.
+
+    >>> mooney_rivlin(0.2, 0.1).material.shear  # shear modulus at rest in MPa, 2 (C10 + C01)
+    0.6000000000000001
+    """
     return MOONEY_RIVLIN.of({"C10": C10, "C01": C01})
 
 

@@ -31,16 +31,17 @@ def _named(pairs: Any) -> dict[str, float]:
 
 
 def _split(c: Values) -> tuple[float, tuple[float, ...]]:
-    (_, first), *more = pairs = _pairs(c)
+    (_, alpha1), *more = pairs = _pairs(c)
     total = sum(mu for mu, _ in pairs)
-    return total / 2, (first, *(x for mu, alpha in more for x in (ratio(mu, total), alpha)))
+    return total / 2, (alpha1, *(x for mu, alpha in more for x in (ratio(mu, total), alpha)))
 
 
 def _join(scale: float, shape: tuple[float, ...]) -> dict[str, float]:
-    first, *more = shape
+    alpha1, *more = shape
     parts, exponents = more[::2], more[1::2]
-    own = (1 - sum(parts), *parts)
-    return _named([(2 * scale * part, alpha) for part, alpha in zip(own, (first, *exponents), strict=True)])
+    fractions = (1 - sum(parts), *parts)
+    pairs = zip(fractions, (alpha1, *exponents), strict=True)
+    return _named([(2 * scale * fraction, alpha) for fraction, alpha in pairs])
 
 
 # Of each law the terms: a usual part of the shear modulus in MPa, and an exponent with its bounds. At 0 a
@@ -53,14 +54,14 @@ _TERMS = (
 
 
 def _law(count: int) -> RubberLaw:
-    own = _TERMS[count - 1]
-    whole = sum(mu for mu, *_ in own)
+    rows = _TERMS[count - 1]
+    total = sum(mu for mu, *_ in rows)
     parameters, shapes, more = [], [], dict[str, Any]()
-    for k, (mu, alpha, low, high) in enumerate(own, 1):
+    for k, (mu, alpha, low, high) in enumerate(rows, 1):
         least = 0.02 if k == 1 else 0.0
         parameters.append(Parameter(f"mu{k}", least, 1.0, MPA, typical=0.04, start=mu))
         parameters.append(Parameter(f"alpha{k}", low, high, typical=0.2, start=alpha))
-        shapes += [] if k == 1 else [Shape(f"mu{k}/mu", 0.0, 1.0, usual=mu / whole)]
+        shapes += [] if k == 1 else [Shape(f"mu{k}/mu", 0.0, 1.0, usual=mu / total)]
         more = {"count": 8, "also": (-3.0,)} if low < 0.0 < high else {}  # an even count: none at 0
         shapes.append(Shape(f"alpha{k}", low, high, usual=alpha, **more))
     return RubberLaw(
