@@ -1,8 +1,8 @@
-"""All hypotheses -> the verdict: what is missing, what cannot be told apart, and what is left unexplained.
+"""All hypotheses -> the decision: the missing effect, its equals in these data, or none that explains them.
 
-One decision for all: the hypothesis with the highest evidence, and whoever is not behind it by TIE in both
-evidence and BIC. `none of these` where a stand-in of another kind is ahead by as much, or where nothing of
-the named is adequate under any law errors. So a wrong name needs a wrong model that fits.
+One decision for all: the hypothesis with the highest evidence, and every one that is not behind it by TIE in
+both evidence and BIC. `none of these` where a stand-in of another kind is ahead by as much, or where nothing
+of the named is adequate under any law errors. So a wrong name needs a wrong model that fits.
 docs/how-it-decides.md says what fixes each constant.
 """
 
@@ -14,7 +14,7 @@ from scipy.special import ndtri
 from twin.diagnosis.classes import Mimics
 from twin.diagnosis.explanation import EvidenceRecord
 from twin.diagnosis.hypotheses import Hypothesis, Refit, ranked
-from twin.diagnosis.lawresidual import LawLeft
+from twin.diagnosis.lawresidual import LawResidual
 from twin.diagnosis.shortlist import DETECTED
 from twin.diagnosis.sizes import Detectable
 from twin.effects.labels import AND
@@ -31,7 +31,7 @@ POWER = 0.9  # with which a size must be found to be named
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """What the data ask for: verdict, named effects, ties, ranking, next test, and the errors in mm.
+    """The result of `diagnose`: verdict, named effects, ties, ranking, next test, and the errors in mm.
 
     named: the best hypothesis' effects, `effects` in their laws; tied: every hypothesis of the verdict, the
     best first, stand-ins last; groups: those of several effects, whether named or not; kept: the best one's
@@ -57,7 +57,7 @@ class Diagnosis:
     base: Judged | None = None
     kept: Judged | Refit | None = None
     start: Theta = field(default_factory=dict)
-    law_left: LawLeft | None = None
+    law_left: LawResidual | None = None
 
     @property
     def law(self) -> str | None:
@@ -71,13 +71,13 @@ class Diagnosis:
 
     @property
     def after(self) -> Comparison | None:
-        """The comparison with the named effects; that of the base model where nothing is named."""
+        """The comparison with the named effects; of the base model where nothing is named."""
         return self.kept.comparison if self.kept else self.before
 
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What is decided. needed: whether the data ask for anything; named: the best hypothesis and those that
+    """A decision. needed: whether the data ask for anything; named: the best hypothesis and those that
     cannot be told from it, stand-ins among them; weak: whether the best is too small to be named; unknown:
     whether none of these explains the data; least: the size in sds that is found reliably."""
 
@@ -92,13 +92,13 @@ def decided(base: Judged, rows: Sequence[Hypothesis]) -> Decision:
     """The decision on all hypotheses on a base model."""
     fitted = [h for h in ranked(list(rows)) if h.score is not None and h.score.much > 0]
     fitted = [h for h in fitted if not base.comparison.adequate or h.p_value < DETECTED]
-    own, stand_ins = [h for h in fitted if not h.kind], [h for h in fitted if h.kind]
+    effects, stand_ins = [h for h in fitted if not h.kind], [h for h in fitted if h.kind]
     least = reliable(sum(not h.note and len(h.effects) == 1 and not h.kind for h in rows))
-    if not own:
+    if not effects:
         wrong = not base.comparison.adequate
         return Decision(needed=wrong, unknown=wrong, least=least)
-    singles = _by_physics([h for h in own if len(h.effects) == 1])
-    several = [h for h in _by_physics([h for h in own if len(h.effects) > 1]) if _earned(h, singles)]
+    singles = _by_physics([h for h in effects if len(h.effects) == 1])
+    several = [h for h in _by_physics([h for h in effects if len(h.effects) > 1]) if _earned(h, singles)]
     contenders = several or singles
     best = contenders[0]
     others = [s for s in stand_ins if s.kind not in [e.generic for e in best.effects]]
@@ -111,18 +111,31 @@ def decided(base: Judged, rows: Sequence[Hypothesis]) -> Decision:
 
 
 def reliable(tries: int) -> float:
-    """The size in sds from which on one of so many effects is found with a chance of POWER."""
+    """The size in sds from which on an effect among `tries` is found with probability POWER (Bonferroni).
+
+    >>> round(reliable(1), 2), round(reliable(25), 2)
+    (3.86, 4.82)
+    """
     return float(-ndtri(DETECTED / 2 / max(tries, 1)) + ndtri(POWER))
 
 
 def close(a: Hypothesis, b: Hypothesis) -> bool:
-    """Whether these data cannot tell a from b, which is better: two are told apart only where the evidence,
+    """True if these data cannot tell a from b, which is better: two are told apart only where the evidence,
     which knows what sizes are plausible, and the BIC, which knows nothing of sizes, both say so."""
     return not ahead(b, a)
 
 
 def ahead(a: Hypothesis, b: Hypothesis) -> bool:
-    """Whether a is better than b by TIE on both scales."""
+    """True if a is better than b by TIE on both scales.
+
+    >>> from twin.diagnosis.hypotheses import Score
+    >>> def scored(evidence, bic_gain):
+    ...     score = Score(evidence=evidence, delta_bic=bic_gain, size=5.0, law=0.0, p_value=0.5)
+    ...     return Hypothesis(effects=(), score=score)
+    >>> creep, gravity, tube = scored(40.0, 38.0), scored(30.0, 29.0), scored(37.0, 20.0)
+    >>> ahead(creep, gravity), ahead(creep, tube), close(tube, creep)
+    (True, False, True)
+    """
     assert a.score is not None
     assert b.score is not None
     return min(a.score.evidence - b.score.evidence, a.score.delta_bic - b.score.delta_bic) >= TIE
@@ -133,13 +146,13 @@ def _by_physics(rows: Sequence[Hypothesis]) -> list[Hypothesis]:
     laws: dict[frozenset[str], list[Hypothesis]] = {}
     for h in ranked(list(rows)):
         laws.setdefault(frozenset(h.names), []).append(h)
-    best = [_as_good(next((h for h in own if h.adequate), own[0]), own) for own in laws.values()]
+    best = [_as_good(next((h for h in rivals if h.adequate), rivals[0]), rivals) for rivals in laws.values()]
     return list(ranked(best))
 
 
 def _as_good(h: Hypothesis, laws: Sequence[Hypothesis]) -> Hypothesis:
     """The hypothesis with the evidence and BIC gain of the best of these laws."""
-    scores = [one.score for one in laws if one.score is not None]
+    scores = [law.score for law in laws if law.score is not None]
     best, most = max(s.evidence for s in scores), max(s.delta_bic for s in scores)
     return h if h.score is None else replace(h, score=replace(h.score, evidence=best, delta_bic=most))
 
@@ -153,10 +166,10 @@ def _by_kind(rows: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 
 def _earned(h: Hypothesis, singles: Sequence[Hypothesis]) -> bool:
-    """Whether several effects together are far ahead of every single one, and each foretells what it has not
-    seen."""
+    """True if several effects together are far ahead of every single one, and each predicts parts that were
+    left out of the fit."""
     assert h.score is not None
-    first = max((s.score.evidence for s in singles if s.score), default=0.0)
-    second = max((s.score.delta_bic for s in singles if s.score), default=0.0)
-    far = min(h.score.evidence - first, h.score.delta_bic - second) > SECOND
+    evidence = max((s.score.evidence for s in singles if s.score), default=0.0)
+    bic_gain = max((s.score.delta_bic for s in singles if s.score), default=0.0)
+    far = min(h.score.evidence - evidence, h.score.delta_bic - bic_gain) > SECOND
     return far and all(x > 0 for x in h.score.held_out.values())

@@ -1,4 +1,4 @@
-"""What diagnosis.json holds: the verdict, and everything that it rests on."""
+"""The record of diagnosis.json: the verdict, and everything that it rests on."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -9,7 +9,7 @@ from twin.diagnosis.classes import Mimics
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.explanation import EvidenceRecord
 from twin.diagnosis.hypotheses import Hypothesis
-from twin.diagnosis.lawresidual import LawLeft
+from twin.diagnosis.lawresidual import LawResidual
 from twin.diagnosis.sizes import Detectable
 from twin.experiments.choice import Experiment
 from twin.judging.fitrecord import Estimate, UnseenFilm
@@ -58,7 +58,7 @@ class RankingRow(Record):
 
     @property
     def untested(self) -> bool:
-        """Whether it was never tested, and the note says why."""
+        """True if it was never tested; the note says why."""
         return bool(self.note) and self.delta_bic is None
 
 
@@ -121,7 +121,7 @@ class ForetoldFilm(Record):
 
 
 class DiagnosisRecord(Record):
-    """What is missing."""
+    """A diagnosis."""
 
     file: ClassVar[str] = "diagnosis.json"
     verdict: str = Field(description="the answer, short and in words")
@@ -145,7 +145,7 @@ class DiagnosisRecord(Record):
     pairs: tuple[PairRow, ...] = Field(default=(), description="effects tried together")
     next_test: str | None = Field(default=None, description="what separates a tie, in words")
     next_tests: tuple[NextTest, ...] = Field(default=(), description="every experiment")
-    law_left: LawLeft | None = Field(default=None, description="what the named laws leave")
+    law_left: LawResidual | None = Field(default=None, description="what the named laws leave")
     frame: FrameTest | None = Field(default=None, description="the test of the fixed markers")
     modes_beyond: tuple[tuple[str, Maybe], ...] = Field(
         default=(), description="shared errors that would have to exceed what is stated, in sd"
@@ -165,27 +165,27 @@ class DiagnosisRecord(Record):
     held_out: tuple[ForetoldFilm, ...] = Field(default=(), description="every film that no fit has seen")
 
     @staticmethod
-    def of(found: Diagnosis, held_out: Sequence[ForetoldFilm] = ()) -> "DiagnosisRecord":
+    def of(diagnosis: Diagnosis, held_out: Sequence[ForetoldFilm] = ()) -> "DiagnosisRecord":
         """The record of a diagnosis, with what it foretells of films that no fit has seen."""
-        before, after = found.before, found.after
+        before, after = diagnosis.before, diagnosis.after
         return DiagnosisRecord(
-            verdict=found.verdict,
-            sentence=found.sentence,
-            named=found.named,
-            law=found.law,
-            ties=found.ties,
-            classes=found.classes,
-            ranking=tuple(map(RankingRow.of, found.ranking)),
-            resembles=tuple(map(Resemblance.of, found.resembles)),
-            scaling=dict(found.scaling),
-            detectable=found.detectable,
-            pairs=tuple(map(PairRow.of, found.groups)),
-            next_test=found.next_test,
-            next_tests=tuple(map(NextTest.of, found.next_tests)),
-            law_left=found.law_left,
-            frame=found.frame,
+            verdict=diagnosis.verdict,
+            sentence=diagnosis.sentence,
+            named=diagnosis.named,
+            law=diagnosis.law,
+            ties=diagnosis.ties,
+            classes=diagnosis.classes,
+            ranking=tuple(map(RankingRow.of, diagnosis.ranking)),
+            resembles=tuple(map(Resemblance.of, diagnosis.resembles)),
+            scaling=dict(diagnosis.scaling),
+            detectable=diagnosis.detectable,
+            pairs=tuple(map(PairRow.of, diagnosis.groups)),
+            next_test=diagnosis.next_test,
+            next_tests=tuple(map(NextTest.of, diagnosis.next_tests)),
+            law_left=diagnosis.law_left,
+            frame=diagnosis.frame,
             modes_beyond=after.beyond if after else (),
-            evidence=found.evidence,
+            evidence=diagnosis.evidence,
             rms_before_mm=before.rms_mm if before else None,
             rms_after_mm=after.rms_mm if after else None,
             raw_rms_before_mm=before.raw_rms_mm if before else None,

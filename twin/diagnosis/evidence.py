@@ -1,4 +1,4 @@
-"""How strongly a whitened residual asks for a signature: attainable gain, evidence, and what mimics what.
+"""Evidence of a signature in a whitened residual: attainable gain, Bayes factor, and mimicry.
 
 Linear algebra only. z (n,) is a whitened residual and every column (n,) a whitened signature, per one
 standard deviation of its parameter's prior, both apart from what was fitted (`apart`).
@@ -15,13 +15,13 @@ from twin.targets import Array
 
 
 def orthonormal(fitted: Array) -> Array:
-    """An orthonormal basis (n, r) of what was fitted, (n, f)."""
+    """An orthonormal basis (n, r) of the columns of fitted (n, f)."""
     if not fitted.shape[1]:
         return fitted
     lengths = np.linalg.norm(fitted, axis=0)
-    own = fitted[:, lengths > 0] / lengths[lengths > 0]
-    left, sizes, _ = np.linalg.svd(own, full_matrices=False)
-    return np.asarray(left[:, sizes > 1e-9 * sizes.max(initial=0.0)], float)
+    scaled = fitted[:, lengths > 0] / lengths[lengths > 0]
+    vectors, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
+    return np.asarray(vectors[:, sizes > 1e-9 * sizes.max(initial=0.0)], float)
 
 
 def apart(columns: Array, basis: Array) -> Array:
@@ -31,8 +31,17 @@ def apart(columns: Array, basis: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """All that is asked of z (n,) and columns (n, k): S = columns' columns (k, k), b = columns' z (k,),
-    z'z."""
+    """Products of a residual z (n,) and columns (n, k): S = columns' columns (k, k), b = columns' z (k,),
+    z'z.
+
+    >>> z, column = np.array([3.0, 4.0]), np.array([[0.0], [2.0]])
+    >>> gram = Gram.of(z, column)
+    >>> amplitude, fall = gram.attained(np.array([-5.0]), np.array([5.0]))
+    >>> amplitude, fall  # z is best with 2 columns; chi2 falls by 16
+    (array([2.]), 16.0)
+    >>> round(gram.log_bayes(np.array([False])), 3)  # b^2 / (1 + S) - ln(1 + S) = 64 / 5 - ln 5
+    11.191
+    """
 
     S: Array
     b: Array
@@ -83,12 +92,15 @@ def log_bayes(S: Array, b: Array, one_sided: NDArray[np.bool_]) -> Array:
 
 
 def occam(amplitudes: Array, S: Array) -> float:
-    """What the evidence of a fitted effect loses against its fall of deviance: a' S (I + S)^-1 a + ln det(I +
+    """Occam factor of a fitted effect, its fall of deviance less its 2 ln B: a' S (I + S)^-1 a + ln det(I +
     S).
 
     amplitudes (k,): fitted ones in prior sds from the prior's mean; S (k, k): information on them, in the
     same unit, after all other fitted parameters (Laplace's approximation, as in Beck 2010, doi
     10.1002/stc.424).
+
+    >>> round(occam(np.array([2.0]), np.array([[4.0]])), 3)  # 16 / 5 + ln 5
+    4.809
     """
     if not len(amplitudes):
         return 0.0
@@ -98,9 +110,13 @@ def occam(amplitudes: Array, S: Array) -> float:
 
 def ceiling(signature: Array, others: Array) -> float:
     """The share (0 to 1) of a signature (n,) that combinations of other columns (n, k) mimic: cos2 of the
-    angle between them."""
-    whole = float(signature @ signature)
-    if whole <= 0 or not others.shape[1]:
+    angle between them.
+
+    >>> round(ceiling(np.array([1.0, 1.0]), np.array([[1.0], [0.0]])), 6)
+    0.5
+    """
+    size = float(signature @ signature)
+    if size <= 0 or not others.shape[1]:
         return 0.0
     basis = orthonormal(others)
-    return float(min(1.0, ((basis.T @ signature) ** 2).sum() / whole))
+    return float(min(1.0, ((basis.T @ signature) ** 2).sum() / size))

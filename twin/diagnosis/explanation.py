@@ -28,7 +28,7 @@ WIDE = 20  # letters of a column of the table
 
 
 class Share(Record):
-    """What an effect explains at one marker in one branch, in root mean squares."""
+    """The residual that an effect explains at a marker in a branch, in root mean squares."""
 
     marker: str
     branch: str
@@ -108,8 +108,8 @@ def explained(
     """The evidence for an effect, or for several together, from the models without and with them, each at its
     own fit and with its own errors: what is uncertain of an effect is no error of the model without it."""
     w, names = after.whitener, {e.name for e in effects}
-    residual, left = (_cleaned(s.whitener, targets.value - s.predicted) for s in (before, after))
-    own = [p for p in after.model.parameters if p.name.partition(".")[0] in names]
+    residual, remainder = (_cleaned(s.whitener, targets.value - s.predicted) for s in (before, after))
+    parameters = [p for p in after.model.parameters if p.name.partition(".")[0] in names]
     every = estimates(after.fit, after.comparison)
     record = EvidenceRecord(
         effect=" + ".join(e.label for e in effects),
@@ -126,12 +126,12 @@ def explained(
         rms_after_mm=after.comparison.rms_mm,
         noise_sd_mm=after.comparison.noise_sd_mm,
         adequate=after.comparison.adequate,
-        parameters={p.name: _found(p, every[p.name]) for p in own},
+        parameters={p.name: _found(p, every[p.name]) for p in parameters},
         held_out=held_out(before, after, targets),
-        shares=shares(targets, w, residual, left),
+        shares=shares(targets, w, residual, remainder),
         mimics=tuple(Mimic(effect=name, ceiling=share) for name, share in mimics),
     )
-    return Explanation(record=record, residual=residual, signature=residual - left, left=left)
+    return Explanation(record=record, residual=residual, signature=residual - remainder, left=remainder)
 
 
 def _found(p: Parameter, e: Estimate) -> Found:
@@ -147,15 +147,15 @@ def _cleaned(w: Whitener, residual: Array) -> Array:
     return out
 
 
-def shares(targets: Targets, w: Whitener, residual: Array, left: Array) -> tuple[Share, ...]:
-    """What is explained by marker and branch, and of all, from cleaned residuals (s, p, 3) mm without the
-    effect and with it."""
+def shares(targets: Targets, w: Whitener, residual: Array, remainder: Array) -> tuple[Share, ...]:
+    """The explained shares by marker and branch, and over all, from cleaned residuals (s, p, 3) mm without
+    the effect and with it."""
     point, axis = w.components.T
     noise = np.sqrt(w.sd**2 + (w.modes[w.shared :] ** 2).sum(axis=0))
     branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
     markers = {targets.names[k]: point == k for k in np.unique(point)} | {ALL: np.ones(len(point), bool)}
     steps = {name: branch == k for k, name in enumerate(BRANCHES)} | {ALL: np.ones(len(branch), bool)}
-    before, after = residual[:, point, axis], left[:, point, axis]
+    before, after = residual[:, point, axis], remainder[:, point, axis]
     return tuple(
         _share(marker, name, before[cell], after[cell], noise[cell])
         for marker, columns in markers.items()
@@ -181,7 +181,11 @@ def _share(marker: str, branch: str, before: Array, after: Array, noise: Array) 
 
 
 def plausibility(parameter: Parameter, value: float) -> str:
-    """What a fitted value says beside its plausible range, in words; "" where none is declared."""
+    """A fitted value beside its plausible range, in words; "" where none is declared.
+
+    >>> plausibility(Parameter("creep.g1", 0.0, 0.4, null=0.0, plausible=(0.003, 0.2)), 0.3)
+    'not plausible: expected 0.003 to 0.2'
+    """
     if parameter.plausible is None:
         return ""
     low, high = parameter.plausible

@@ -1,4 +1,4 @@
-"""What may be missing from a model, all alike: effects in their laws, stand-ins, several effects together."""
+"""Hypotheses on what a model lacks: effects in their laws, stand-ins, or several effects together."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,7 @@ from twin.targets import Array
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Refit(Fitted):
-    """What is kept of a judged model: all but its whitener and its solves, which are large.
+    """A judged model without its whitener and its solves, which are large.
 
     z (n,): whitened residual; fitted (n, f): whitened derivatives by the free parameters; deviance: chi2 + ln
     det of the data's covariance.
@@ -46,7 +46,7 @@ def _without_solves(model: Model) -> Model:
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """What a refit gains over the base, averaged over the sizes of law errors.
+    """Gains of a refit over the base, averaged over the sizes of law errors.
 
     evidence: 2 ln B (Laplace); delta_bic: the BIC gain; size: the root of the fall of deviance without law
     errors, in sds. law: the size of the laws' errors that the data ask for, as a share of what the effects
@@ -63,7 +63,7 @@ class Score:
 
     @property
     def much(self) -> float:
-        """How much speaks for it, by evidence or BIC, whichever says more."""
+        """The larger of evidence and BIC gain."""
         return max(self.evidence, self.delta_bic)
 
 
@@ -99,7 +99,7 @@ class Hypothesis:
 
     @property
     def physics(self) -> str:
-        """What is missing, whatever its law: names as a verdict joins them."""
+        """The missing physics whatever its law: names as a verdict joins them."""
         return AND.join(self.names)
 
     @property
@@ -134,13 +134,13 @@ class Hypothesis:
 
     @property
     def adequate(self) -> bool:
-        """Whether the refit leaves noise alone, under the law errors that the data ask for, with no amplitude
+        """True if the refit leaves noise alone, under the law errors that the data ask for, with no amplitude
         that would go beyond its bound."""
         return self.score is not None and self.score.p_value > ADEQUATE and not self.stretched
 
     @property
     def stretched(self) -> bool:
-        """Whether an amplitude of the refit ends at a bound that is not its null: it would take more."""
+        """True if an amplitude of the refit ends at a bound that is not its null."""
         if self.refit is None:
             return False
         values, bound = self.refit.values, self.refit.at_bound
@@ -149,7 +149,7 @@ class Hypothesis:
 
     @property
     def plausible(self) -> bool | None:
-        """Whether every amplitude of the refit lies where experience expects it; None without a refit."""
+        """True if every amplitude of the refit lies in its plausible range; None without a refit."""
         if self.refit is None:
             return None
         values = self.refit.values
@@ -158,8 +158,8 @@ class Hypothesis:
 
     @property
     def words(self) -> str:
-        """What a stand-in's refit amounts to, "0.18 N near the tip, pointing up"; of effects, what they
-        are."""
+        """The refit of a stand-in in words, "0.18 N near the tip, pointing up"; of effects their
+        sentences."""
         values = self.refit.values if self.refit else self.start
         resembles: Any = getattr(self.effect, "resembles", None)
         return str(resembles(values)) if resembles else "; ".join(e.sentence for e in self.effects)

@@ -1,8 +1,7 @@
-"""A base model, a library of effects and targets -> which physical effect the data ask for, and what cannot
-be told.
+"""A base model, a library of effects and targets -> the physical effect that the data ask for, if any.
 
 Noise, frame and mesh first: what they forbid is not tested. Then all hypotheses to first order, refits of
-those that may be the best (`shortlist`), one decision (`deciding`), its words (`wording`), and what belongs
+those that may be the best (`shortlist`), a decision (`deciding`), its words (`wording`), and what belongs
 beside a verdict: who mimics whom, what sizes would have been found, what to do next.
 """
 
@@ -15,7 +14,7 @@ from calibrate import Fit
 from twin.diagnosis.classes import classes_of
 from twin.diagnosis.deciding import Diagnosis, decided
 from twin.diagnosis.hypotheses import Hypothesis, Refit
-from twin.diagnosis.lawresidual import left_by_laws
+from twin.diagnosis.lawresidual import law_residual
 from twin.diagnosis.refitting import with_effects
 from twin.diagnosis.scaling import scaling_in_words, scaling_of
 from twin.diagnosis.shortlist import LATE, Progress, Task
@@ -70,36 +69,38 @@ def diagnose(
         return replace(cannot(why), frame=frame)
     base = task.base(start)
     rows = task.searched(base)
-    found = _kept(concluded(decided(base, rows), base, rows), base, targets)
+    diagnosis = _kept(concluded(decided(base, rows), base, rows), base, targets)
     signatures = task.signatures(base, [*task.laws(wide=False), *task.generic])
     untried = [*task.silent, *(h for h in rows if h.note == LATE)]
-    found = _completed(found, base, signatures, untried, targets, plan=plan)
+    diagnosis = _completed(diagnosis, base, signatures, untried, targets, plan=plan)
     basis = targets.noise.basis if targets.noise else ""
-    return replace(found, frame=frame, sentence=" ".join(filter(None, [found.sentence, basis])))
+    return replace(diagnosis, frame=frame, sentence=" ".join(filter(None, [diagnosis.sentence, basis])))
 
 
-def _kept(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
+def _kept(diagnosis: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
     """The diagnosis with the fit of what it names carried to its end, under the law errors that its refit
-    asked for; how far the laws are off is told."""
-    if found.kept is None or found.tied[0].score is None:
-        return found
-    model, last = with_effects(base, found.effects), found.kept.fit
-    law = found.tied[0].score.law
+    asked for, and a sentence on the accuracy of the laws."""
+    if diagnosis.kept is None or diagnosis.tied[0].score is None:
+        return diagnosis
+    model, last = with_effects(base, diagnosis.effects), diagnosis.kept.fit
+    law = diagnosis.tied[0].score.law
 
     def ended(start: Array) -> Judged:
         return judge(model, targets, starts=start, seed=last.seed, tolerance=SETTLED, law=law)
 
     try:
-        judged = ended(model.theta(found.start))
+        judged = ended(model.theta(diagnosis.start))
     except Unsolvable:  # a step beyond the refit, where there is no such finger
         judged = ended(last.theta)
-    left = left_by_laws(judged, targets)
+    residual = law_residual(judged, targets)
     refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
-    rows = tuple(replace(h, refit=refit) if h.label == found.law else h for h in found.ranking)
-    found = replace(found, kept=judged, law_left=left, ranking=rows)
-    inexact, wider = left.words if left else "", any(e.label != e.name for e in found.effects)
-    said = [found.sentence, inexact, unrefitted(found) if inexact or wider else "", fallen(found)]
-    return replace(found, sentence=" ".join(filter(None, said)))
+    rows = tuple(replace(h, refit=refit) if h.label == diagnosis.law else h for h in diagnosis.ranking)
+    diagnosis = replace(diagnosis, kept=judged, law_left=residual, ranking=rows)
+    inexact = residual.words(diagnosis.named) if residual else ""
+    wider = any(e.label != e.name for e in diagnosis.effects)
+    others = unrefitted(diagnosis) if inexact or wider else ""
+    sentences = [diagnosis.sentence, inexact, others, fallen(diagnosis)]
+    return replace(diagnosis, sentence=" ".join(filter(None, sentences)))
 
 
 def _refusal(targets: Targets) -> str:
@@ -114,16 +115,16 @@ def _refusal(targets: Targets) -> str:
 
 
 def _mesh(model: Model, noise: float) -> str:
-    """Why the mesh does not allow a test at a noise of so many mm; nothing where it does."""
+    """The reason for which the mesh allows no test at a noise in mm; "" where it does."""
     if model.mesh is None:
         return ""
     if model.mesh.unknown:
         return f"mesh: {model.mesh.unknown}"
-    left = model.mesh.remainder_mm
-    if left > 0.1 * noise:
+    remainder = model.mesh.remainder_mm
+    if remainder > 0.1 * noise:
         return (
-            f"mesh: {left:.4f} mm of the discretisation error is neither corrected nor carried by a mode, "
-            f"more than a tenth of the noise ({noise:.4f} mm); refine the mesh"
+            f"mesh: {remainder:.4f} mm of the discretisation error is neither corrected nor carried by a "
+            f"mode, more than a tenth of the noise ({noise:.4f} mm); refine the mesh"
         )
     return ""
 
@@ -132,7 +133,7 @@ def _mesh(model: Model, noise: float) -> str:
 
 
 def _completed(
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     base: Judged,
     signatures: Signatures,
     silent: Sequence[Hypothesis],
@@ -143,47 +144,47 @@ def _completed(
     """The diagnosis with the classes of equivalence, the smallest sizes that would have been found, and,
     where effects are tied and it is to `plan`, the experiments that tell them apart."""
     rows = _smallest_sizes(signatures, silent)
-    found = replace(found, classes=classes_of(signatures), detectable=tuple(rows))
-    if found.verdict == "none needed":
-        return replace(found, sentence=f"{found.sentence} {sizes_in_words(rows)}".strip())
-    if found.verdict == "none of these":
+    diagnosis = replace(diagnosis, classes=classes_of(signatures), detectable=tuple(rows))
+    if diagnosis.verdict == "none needed":
+        return replace(diagnosis, sentence=f"{diagnosis.sentence} {sizes_in_words(rows)}".strip())
+    if diagnosis.verdict == "none of these":
         shares = scaling_of(base, targets)
-        text = f"{found.sentence} {scaling_in_words(shares)}".strip()
-        return replace(found, scaling=shares, sentence=text)
-    return _planned(found, base, targets) if found.ties and plan else found
+        text = f"{diagnosis.sentence} {scaling_in_words(shares)}".strip()
+        return replace(diagnosis, scaling=shares, sentence=text)
+    return _planned(diagnosis, base, targets) if diagnosis.ties and plan else diagnosis
 
 
 def _smallest_sizes(signatures: Signatures, silent: Sequence[Hypothesis]) -> list[Detectable]:
     """The smallest size of each absent effect that these data would have shown; for those that they cannot
     show, why."""
-    own = [rows for rows in signatures.values() if not rows[0].effect.kind]
-    found = [unseen(c.effect, c.note) for c in silent]
-    for rows in own:
+    tested = [rows for rows in signatures.values() if not rows[0].effect.kind]
+    sizes = [unseen(c.effect, c.note) for c in silent]
+    for rows in tested:
         seen, effect = [r for r in rows if not r.note], rows[0].effect
         if not seen:
-            found.append(unseen(effect, rows[0].note))
+            sizes.append(unseen(effect, rows[0].note))
             continue
         columns = np.array([r.columns[:, 0] for r in seen]) / prior_sd(seen[0].parameters[0])
         nothing = np.zeros((columns.shape[1], 0))
         entries = [r.entry for r in seen]
-        found.append(smallest(effect, columns, nothing, effects=len(own), entries=entries))
-    return found
+        sizes.append(smallest(effect, columns, nothing, effects=len(tested), entries=entries))
+    return sizes
 
 
-def _planned(found: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
-    """The diagnosis with what tells tied hypotheses apart: films of the same finger, of which the models say
-    what they would show, and what is looked at without them."""
-    tied = [h for h in found.tied if h.refit is not None][:TIED]
+def _planned(diagnosis: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
+    """The diagnosis with experiments that tell tied hypotheses apart: films of this finger, which the models
+    predict, and checks without a model."""
+    tied = [h for h in diagnosis.tied if h.refit is not None][:TIED]
     members = [Member(h.refit.model, h.refit.fit.theta) for h in tied if h.refit is not None]
-    own = [e for h in found.tied for e in h.effects if e.origin is not None]
-    seen = checks_in_words(witnesses([h.kind or h.label for h in found.tied], own=own))
+    users = [e for h in diagnosis.tied for e in h.effects if e.origin is not None]
+    seen = checks_in_words(witnesses([h.kind or h.label for h in diagnosis.tied], own=users))
     try:
         tests = next_experiments(members, targets, base.whitener)
     except Unsolvable:
         tests = ()
     return replace(
-        found,
+        diagnosis,
         next_tests=tests,
         next_test=". ".join(filter(None, [in_words(tests), seen])).removesuffix("."),
-        verdict=f"{found.verdict}: run test {tests[0].experiment}" if tests else found.verdict,
+        verdict=f"{diagnosis.verdict}: run test {tests[0].experiment}" if tests else diagnosis.verdict,
     )

@@ -1,4 +1,4 @@
-"""A hypothesis -> its refit, judged by its own errors, and what it gains at every size of law errors."""
+"""A hypothesis -> its refit, judged by its own errors, and its gain at every size of law errors."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -43,19 +43,19 @@ def refitted(
     rows = np.array([model.theta(_allowed(model, values, base.values)) for values in begun])
     try:
         judged = judge(model, targets, starts=rows, seed=seed, evaluations=2, turns=0)
-        found, most = levels(judged, targets), 3
+        at_levels, most = levels(judged, targets), 3
         for _ in range(MORE):
-            if judged.deviance - found[0].deviance < max(NEAR, CLOSE * h.hint):
+            if judged.deviance - at_levels[0].deviance < max(NEAR, CLOSE * h.hint):
                 break
             last = judged
             judged = judge(model, targets, starts=last.theta, seed=seed, evaluations=most, turns=0)
-            found = levels(judged, targets)
+            at_levels = levels(judged, targets)
             stuck = np.array_equal(judged.theta, last.theta)
             most = 2 * most if stuck else 3  # a shorter step takes more tries
     except Unsolvable as error:
         return replace(h, note=str(error)), None
-    score = scored(judged, found, h.effects, base, targets)
-    return replace(h, refit=Refit.of(judged), score=score, start=_gone_on(judged, found[0].step)), judged
+    score = scored(judged, at_levels, h.effects, base, targets)
+    return replace(h, refit=Refit.of(judged), score=score, start=_gone_on(judged, at_levels[0].step)), judged
 
 
 def _allowed(model: Model, start: Theta, base: Theta) -> Theta:
@@ -78,36 +78,37 @@ def _gone_on(judged: Judged, step: Array) -> dict[str, float]:
 
 
 def scored(
-    judged: Judged, found: Sequence[Level], effects: Sequence[Effect], base: Judged, targets: Targets
+    judged: Judged, at_levels: Sequence[Level], effects: Sequence[Effect], base: Judged, targets: Targets
 ) -> Score:
-    """What a judged model with effects more gains over the base, at its levels of law errors."""
+    """The gains over the base of a judged model with more effects, at its levels of law errors."""
     free = [p.name for p in judged.model.parameters if p.name not in judged.at_bound]
     lost = bic(0.0, len(judged.fit.theta) - len(base.fit.theta), judged.whitener.count)
-    fall = np.array([base.deviance - one.deviance for one in found])
-    evidence = [f - lost_to_priors(judged, one, free, effects) for f, one in zip(fall, found, strict=True)]
-    asked = asked_for(found, evidence)
+    fall = np.array([base.deviance - each.deviance for each in at_levels])
+    lost_at = [lost_to_priors(judged, each, free, effects) for each in at_levels]
+    evidence = [f - x for f, x in zip(fall, lost_at, strict=True)]
+    level = asked_for(at_levels, evidence)
     return Score(
         evidence=averaged(evidence),
         delta_bic=averaged(fall - lost),
         size=float(np.sqrt(max(fall[0], 0.0))),
-        law=asked.law,
-        p_value=asked.p_value,
+        law=level.law,
+        p_value=level.p_value,
         held_out={e.name: held_out(judged, e, targets) for e in effects} if len(effects) > 1 else {},
     )
 
 
 def lost_to_priors(judged: Judged, level: Level, free: Sequence[str], effects: Sequence[Effect]) -> float:
-    """What the evidence loses to the priors of the effects' free parameters, at a size of law errors."""
-    own = {p.name: p for e in effects for p in e.parameters if p.name in free}
-    if not own:
+    """The Occam factor of the effects' free parameters, at a size of law errors."""
+    parameters = {p.name: p for e in effects for p in e.parameters if p.name in free}
+    if not parameters:
         return 0.0
-    mine = np.array([name in own for name in free])
-    names = [name for name in free if name in own]
-    sd = np.array([prior_sd(own[name]) for name in names])
-    columns = apart(level.fitted[:, mine], orthonormal(level.fitted[:, ~mine])) * sd
+    of_effects = np.array([name in parameters for name in free])
+    names = [name for name in free if name in parameters]
+    sd = np.array([prior_sd(parameters[name]) for name in names])
+    columns = apart(level.fitted[:, of_effects], orthonormal(level.fitted[:, ~of_effects])) * sd
     values = judged.values
-    amount = np.array([0.0 if own[n].null is None else values[n] - null(own[n]) for n in names])
-    amount = amount + np.where([own[n].null is None for n in names], 0.0, level.step[mine])
+    amount = np.array([0.0 if parameters[n].null is None else values[n] - null(parameters[n]) for n in names])
+    amount = amount + np.where([parameters[n].null is None for n in names], 0.0, level.step[of_effects])
     return occam(amount / sd, columns.T @ columns)
 
 
@@ -118,15 +119,15 @@ def held_out(judged: Judged, effect: Effect, targets: Targets) -> float:
     """The fall of chi2 in parts that are left out, which an effect of a judged model brings. What ends at a
     bound is held there, and goes with the effect."""
     names = [p.name for p in judged.model.parameters]
-    whole = judged.whitener.whiten(judged.model.jacobian(judged.theta)).T
+    columns = judged.whitener.whiten(judged.model.jacobian(judged.theta)).T
     amplitudes = {p.name: p for p in effect.amplitudes}
     values = judged.values
     amount = np.array([values[n] - null(amplitudes[n]) if n in amplitudes else 0.0 for n in names])
     free = np.array([n not in judged.at_bound for n in names])
-    own = np.array([n in {p.name for p in effect.parameters} for n in names])
+    of_effect = np.array([n in {p.name for p in effect.parameters} for n in names])
     part = np.where(targets.held_out, -1, folds(targets)[0])
     each = np.repeat(part, len(judged.z) // len(part))
-    return gain(judged.z, judged.z + whole @ amount, whole[:, free], whole[:, free & ~own], each)
+    return gain(judged.z, judged.z + columns @ amount, columns[:, free], columns[:, free & ~of_effect], each)
 
 
 def gain(z: Array, without: Array, fitted: Array, others: Array, part: NDArray[np.int64]) -> float:
@@ -151,5 +152,5 @@ def _left(z: Array, columns: Array, train: NDArray[np.bool_], test: NDArray[np.b
     scaled = columns / np.where(lengths > 0, lengths, 1.0)
     inner = scaled[train].T @ scaled[train] + 1e-6 * np.eye(scaled.shape[1])
     step = np.linalg.solve(inner, scaled[train].T @ z[train])
-    left = z[test] - scaled[test] @ step
-    return float(left @ left)
+    residual = z[test] - scaled[test] @ step
+    return float(residual @ residual)

@@ -1,7 +1,7 @@
-"""How a misfit goes with the test: with the pressure of the moment, with what was before, or with time.
+"""Correlation of a misfit with the test: with the present pressure, with the history, or with time.
 
 Each way is a few courses in time, free for every marker and axis. What a course takes of the whitened
-residual beyond its number of functions is misfit that goes that way; ways overlap, so shares need not add up.
+residual beyond its number of functions is misfit of that kind; ways overlap, so shares need not add up.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ LEAST = 0.5  # of the misfit that a way must take to be told
 
 
 def ways(targets: Targets) -> dict[str, Array]:
-    """Courses (k, s) by the way they go, in words."""
+    """Courses (k, s) by what they follow, in words."""
     x = targets.pressure / max(float(np.abs(targets.pressure).max()), 1e-12)
     t = (targets.time - targets.time[0]) / max(float(np.ptp(targets.time)), 1e-12)
     since = np.interp(targets.time, targets.log_time, memory(targets.log_time, targets.log_pressure))
@@ -30,20 +30,23 @@ def ways(targets: Targets) -> dict[str, Array]:
 
 
 def scaling_of(judged: Judged, targets: Targets) -> dict[str, float]:
-    """The share (0 to 1) of a misfit that goes each way, the largest first; nothing where there is no
-    misfit."""
+    """The share (0 to 1) of a misfit that follows each of `ways`, the largest first; {} without a misfit."""
     every = ways(targets)
-    whole = _taken(judged, targets, np.concatenate(list(every.values())))
-    if whole <= 0:
+    total = _taken(judged, targets, np.concatenate(list(every.values())))
+    if total <= 0:
         return {}
-    found = {name: max(_taken(judged, targets, shapes), 0.0) / whole for name, shapes in every.items()}
-    return dict(sorted(found.items(), key=lambda kv: -kv[1]))
+    shares = {name: max(_taken(judged, targets, shapes), 0.0) / total for name, shapes in every.items()}
+    return dict(sorted(shares.items(), key=lambda kv: -kv[1]))
 
 
 def scaling_in_words(shares: dict[str, float]) -> str:
-    """A sentence on what the misfit goes with; nothing where no way takes most of it."""
-    told = [f"{name} ({share:.0%})" for name, share in shares.items() if share >= LEAST][:2]
-    return f"It goes with {' and with '.join(told)}." if told else ""
+    """A sentence on the courses that the misfit follows; "" where none takes half.
+
+    >>> scaling_in_words({"the pressure of before": 0.8, "the pressure itself": 0.1})
+    'It goes with the pressure of before (80%).'
+    """
+    names = [f"{name} ({share:.0%})" for name, share in shares.items() if share >= LEAST][:2]
+    return f"It goes with {' and with '.join(names)}." if names else ""
 
 
 def _taken(judged: Judged, targets: Targets, shapes: Array) -> float:

@@ -1,5 +1,4 @@
-"""Signatures -> hypotheses: what each could gain, how likely chance gives that, and its evidence to first
-order.
+"""Signatures -> hypotheses: attainable gain, its probability by chance, and evidence to first order.
 
 What counts is the fall of chi2 that a refit can reach: amplitudes stay within their bounds, so that an effect
 that can only add gains nothing where it would have to take away. Multiplicity: Sidak over an effect's grid,
@@ -27,9 +26,9 @@ TRIED = 12  # pairs whose start is worked out: those with most evidence
 
 def screened(judged: Judged, signatures: Signatures) -> list[Hypothesis]:
     """A hypothesis for every effect of `signatures`, its p-value adjusted for the number of tries."""
-    found = [_best(judged, rows) for rows in signatures.values()]
-    adjusted = iter(holm([c.p_value for c in found if not c.note]))
-    return [c if c.note else replace(c, p_value=float(next(adjusted))) for c in found]
+    hypotheses = [_best(judged, rows) for rows in signatures.values()]
+    adjusted = iter(holm([c.p_value for c in hypotheses if not c.note]))
+    return [c if c.note else replace(c, p_value=float(next(adjusted))) for c in hypotheses]
 
 
 def _best(judged: Judged, rows: Sequence[Signature]) -> Hypothesis:
@@ -63,7 +62,11 @@ def _chance(gain: float, signature: Signature) -> float:
 
 
 def _mean(evidences: Sequence[float]) -> float:
-    """2 ln of the mean Bayes factor of entries that are as likely as each other, of 2 ln B each."""
+    """2 ln of the mean Bayes factor of equally likely entries with 2 ln B each.
+
+    >>> round(_mean([10.0, 0.0]), 3)  # 2 ln((exp(5) + 1) / 2)
+    8.627
+    """
     half = np.array(evidences) / 2
     top = float(half.max())
     return 2 * (top + float(np.log(np.exp(np.maximum(half - top, -700.0)).mean())))
@@ -74,25 +77,25 @@ def _mean(evidences: Sequence[float]) -> float:
 
 def paired(judged: Judged, signatures: Signatures) -> list[Hypothesis]:
     """Pairs of effects, one for each two names, those with most evidence to first order first."""
-    rows = [r for own in signatures.values() for r in own if not r.note]
+    rows = [r for entries in signatures.values() for r in entries if not r.note]
     if len(rows) < 2:
         return []
-    whole = Gram.of(judged.z, np.concatenate([r.columns for r in rows], axis=1))
+    every = Gram.of(judged.z, np.concatenate([r.columns for r in rows], axis=1))
     ends = np.cumsum([r.columns.shape[1] for r in rows])
     spans = [np.arange(e - r.columns.shape[1], e) for e, r in zip(ends, rows, strict=True)]
-    found: dict[frozenset[str], list[tuple[float, tuple[int, int]]]] = {}
-    for hint, (i, j) in _hints(whole, rows, spans):
-        found.setdefault(frozenset((rows[i].effect.name, rows[j].effect.name)), []).append((hint, (i, j)))
-    tops = sorted(((_mean([e for e, _ in own]), max(own)[1]) for own in found.values()), reverse=True)
+    by_names: dict[frozenset[str], list[tuple[float, tuple[int, int]]]] = {}
+    for hint, (i, j) in _hints(every, rows, spans):
+        by_names.setdefault(frozenset((rows[i].effect.name, rows[j].effect.name)), []).append((hint, (i, j)))
+    means = ((_mean([e for e, _ in entries]), max(entries)[1]) for entries in by_names.values())
     out = []
-    for hint, (i, j) in tops[:TRIED]:
-        gram = whole.only(np.concatenate([spans[i], spans[j]]))
+    for hint, (i, j) in sorted(means, reverse=True)[:TRIED]:
+        gram = every.only(np.concatenate([spans[i], spans[j]]))
         out.append(replace(_together(judged, (rows[i], rows[j]), gram), hint=hint))
     return out
 
 
 def _hints(
-    whole: Gram, rows: Sequence[Signature], spans: Sequence[NDArray[np.int64]]
+    gram: Gram, rows: Sequence[Signature], spans: Sequence[NDArray[np.int64]]
 ) -> Iterable[tuple[float, tuple[int, int]]]:
     """2 ln B of every two rows of different effects, those with as many amplitudes at once."""
     sided = np.concatenate([r.one_sided for r in rows])
@@ -101,9 +104,10 @@ def _hints(
         if rows[i].effect.name != rows[j].effect.name:
             groups.setdefault(len(spans[i]) + len(spans[j]), []).append((i, j))
     for pairs in groups.values():
-        at = np.array([np.concatenate([spans[i], spans[j]]) for i, j in pairs])
-        found = log_bayes(whole.S[at[:, :, None], at[:, None, :]], whole.b[at], sided[at])
-        yield from zip(map(float, found), pairs, strict=True)
+        columns = np.array([np.concatenate([spans[i], spans[j]]) for i, j in pairs])
+        S = gram.S[columns[:, :, None], columns[:, None, :]]
+        evidences = log_bayes(S, gram.b[columns], sided[columns])
+        yield from zip(map(float, evidences), pairs, strict=True)
 
 
 def _together(judged: Judged, rows: Sequence[Signature], gram: Gram) -> Hypothesis:
@@ -135,7 +139,7 @@ def added(judged: Judged, effects: tuple[Effect, ...], signatures: Signatures) -
 
 
 def start_of(judged: Judged, signature: Signature, amplitudes: Array) -> Theta:
-    """Where a refit begins: the effect at the promised size, and the fitted parameters where they then go."""
+    """Starting values of a refit: the effect at the promised size, and the fitted parameters moved along."""
     return _started(judged, [(signature, amplitudes)])
 
 

@@ -48,13 +48,13 @@ class Task:
         """The base model's fit; from nominal constants too where the first ends at a bound."""
         self.tell("base model", 0, 3)
         if isinstance(start, Fit):
-            first = judge_fit(self.model, self.targets, start)
+            fit = judge_fit(self.model, self.targets, start)
         else:
-            first = judge(self.model, self.targets, starts=start, seed=self.seed)
-        if not first.at_bound:
-            return first
+            fit = judge(self.model, self.targets, starts=start, seed=self.seed)
+        if not fit.at_bound:
+            return fit
         again = judge(self.model, self.targets, starts=self.nominal, seed=self.seed)
-        return min(first, again, key=lambda j: j.deviance)
+        return min(fit, again, key=lambda j: j.deviance)
 
     @cached_property
     def nominal(self) -> Array:
@@ -146,13 +146,13 @@ class Task:
         single = race.best
         if single is None or single.evidence is None:
             return []
-        found = {frozenset(h.names): h for h in paired(base, self.signatures(base, self._narrow()))}
+        pairs = {frozenset(h.names): h for h in paired(base, self.signatures(base, self._narrow()))}
         if race.view is not None and not single.kind:
-            own = self.signatures(base, self._narrow(), beside=race.view)
-            for h in added(race.view, single.effects, own):
-                whole = replace(h, hint=h.hint + single.evidence)
-                found[frozenset(h.names)] = whole  # begun from a refit it is nearer
-        return [h for h in found.values() if h.hint > single.evidence + PAIRED]
+            signatures = self.signatures(base, self._narrow(), beside=race.view)
+            for h in added(race.view, single.effects, signatures):
+                pair = replace(h, hint=h.hint + single.evidence)
+                pairs[frozenset(h.names)] = pair  # begun from a refit it is nearer
+        return [h for h in pairs.values() if h.hint > single.evidence + PAIRED]
 
     def _partners(self, base: Judged, race: "Race") -> list[Hypothesis]:
         """Each member of the best pair with every other effect, begun from its own refit: a partner is not
@@ -205,19 +205,19 @@ class Race:
         waiting: dict[str, list[Hypothesis]] = {}
         for h in sorted(rows, key=lambda h: -h.hint):
             waiting.setdefault(h.physics, []).append(h)
-        made = 0
-        for own in waiting.values():
-            lone = not own[0].kind and all(d.kind for d in self.done)
-            if lone or (made < most and self._near(own[0])):
-                made += 1
-                self._laws(own)
+        count = 0
+        for laws in waiting.values():
+            lone = not laws[0].kind and all(d.kind for d in self.done)
+            if lone or (count < most and self._near(laws[0])):
+                count += 1
+                self._laws(laws)
 
-    def _laws(self, own: Sequence[Hypothesis]) -> None:
+    def _laws(self, laws: Sequence[Hypothesis]) -> None:
         """Refit one physics in its laws, the narrowest first, until one leaves nothing to a law's errors."""
-        rows = {h.label: h for h in own}
+        rows = {h.label: h for h in laws}
         last: Hypothesis | None = None
-        for law in self._widening(own[0]):
-            h = rows.get(law.label) if len(own[0].effects) == 1 else own[0]
+        for law in self._widening(laws[0]):
+            h = rows.get(law.label) if len(laws[0].effects) == 1 else laws[0]
             if h is None and last is not None and last.refit is not None:
                 h = replace(last, effects=(law,), start=law.start(last.start), refit=None, score=None)
             if h is None:
@@ -248,19 +248,19 @@ class Race:
         """The hypothesis with its refit, which is kept in `done`."""
         self.task.tell(f"refit with {h.label}", len(self.done) + 1, len(self.done) + 2)
         held = self._held(h)
-        found, judged = refitted(
+        refit, judged = refitted(
             held, self.base, self.task.targets, starts=self.starts, seed=self.task.seed
         )
-        self.done.append(found)
+        self.done.append(refit)
         self.tried.add(h.label)
         top = self.best.evidence if self.best else None
-        if judged is not None and (top is None or (found.evidence or -np.inf) > top):
-            self.best, self.view = found, judged
-        return found
+        if judged is not None and (top is None or (refit.evidence or -np.inf) > top):
+            self.best, self.view = refit, judged
+        return refit
 
     def _held(self, h: Hypothesis) -> Hypothesis:
-        """The hypothesis as it is fitted: what cannot be fitted, such as a marker and a time, is held where
-        it shows most."""
+        """The hypothesis for a refit: what cannot be fitted, such as a marker and a time, is held where it
+        shows most."""
         if len(h.effects) > 1:
             return h
         test = self.base.model.test
@@ -272,6 +272,6 @@ class Race:
 
 
 def on_a_basis(effect: Effect, test: Test) -> bool:
-    """Whether an effect's parameters are amplitudes, but for those that its tries on a test state."""
+    """True if all of an effect's parameters are amplitudes, but for those that its tries on a test state."""
     others = {p.name for p in effect.parameters if p.null is None}
     return all(others <= set(entry) for entry in effect.tries(test))

@@ -1,4 +1,4 @@
-"""A judged model and absent effects -> how each would show in its residual: whitened columns in prior sds.
+"""A judged model and absent effects -> their signatures in its residual: whitened columns per prior sd.
 
 Effects of the library and generic stand-ins (an outside force, a soft spot ..) have signatures alike. What
 the fitted parameters can imitate is projected out of every column.
@@ -45,7 +45,7 @@ class Signature:
 
     @property
     def one_sided(self) -> NDArray[np.bool_]:
-        """Which amplitudes (k,) cannot be below null."""
+        """Flags (k,) of the amplitudes that cannot be below null."""
         return self.low > -1e-9
 
     @cached_property
@@ -54,7 +54,7 @@ class Signature:
         return self.columns.T @ self.columns
 
     def gram(self, z: Array) -> Gram:
-        """What it does to a residual z (n,)."""
+        """Its products with a residual z (n,)."""
         return Gram(self.S, self.columns.T @ z, float(z @ z))
 
     def values(self, amplitudes: Array) -> dict[str, float]:
@@ -78,7 +78,10 @@ def prior_sd(parameter: Parameter) -> float:
     """The sd of a parameter's prior in its unit.
 
     Of an amplitude half of its plausible range's larger side, so that the range holds about 95 %; without a
-    range WIDE typical steps. Of any other parameter that of an even spread over its range.
+    range WIDE typical steps. Of any other parameter the sd of a uniform distribution over its range.
+
+    >>> prior_sd(Parameter("gravity.density", 0.0, 5e-9, null=0.0, plausible=(0.9e-9, 1.3e-9)))
+    6.5e-10
     """
     ends = parameter.plausible
     if parameter.null is None:
@@ -101,20 +104,21 @@ def signatures_of(
     basis = orthonormal(judged.fitted)
     free = [name not in judged.at_bound for name in judged.values]
     plain = judged.whitener.pick(judged.model.jacobian(judged.theta)[free])
-    known = orthonormal(np.nan_to_num(plain).reshape(len(plain), int(np.prod(plain.shape[1:]))).T)
+    imitated = orthonormal(np.nan_to_num(plain).reshape(len(plain), int(np.prod(plain.shape[1:]))).T)
     tried = [
         (effect, entry, fields * np.array([prior_sd(p) for p in effect.amplitudes])[:, None, None, None])
         for effect in effects
         for entry, fields in zip(effect.tries(judged.model.test), tangents[effect.label], strict=True)
     ]
-    found: dict[str, list[Signature]] = {effect.label: [] for effect in effects}
+    signatures: dict[str, list[Signature]] = {effect.label: [] for effect in effects}
     for begin in range(0, len(tried), AT_ONCE):
-        some = tried[begin : begin + AT_ONCE]
-        whitened = judged.whitener.whiten(np.concatenate([scaled for *_, scaled in some]))
-        ends = np.cumsum([len(scaled) for *_, scaled in some])[:-1]
-        for (effect, entry, scaled), rows in zip(some, np.split(whitened, ends), strict=True):
-            found[effect.label].append(_signature(effect, entry, scaled, rows.T, judged, basis, known))
-    return found
+        batch = tried[begin : begin + AT_ONCE]
+        whitened = judged.whitener.whiten(np.concatenate([scaled for *_, scaled in batch]))
+        ends = np.cumsum([len(scaled) for *_, scaled in batch])[:-1]
+        for (effect, entry, scaled), rows in zip(batch, np.split(whitened, ends), strict=True):
+            row = _signature(effect, entry, scaled, rows.T, judged, basis, imitated)
+            signatures[effect.label].append(row)
+    return signatures
 
 
 def _signature(
@@ -124,25 +128,25 @@ def _signature(
     columns: Array,
     judged: Judged,
     basis: Array,
-    known: Array,
+    imitated: Array,
 ) -> Signature:
-    own = effect.amplitudes
-    sd = np.array([prior_sd(p) for p in own])
-    seen = np.nan_to_num(judged.whitener.pick(scaled)).reshape(len(own), -1).T
-    size, left = np.abs(seen).max(initial=0.0), apart(seen, known)
+    amplitudes = effect.amplitudes
+    sd = np.array([prior_sd(p) for p in amplitudes])
+    seen = np.nan_to_num(judged.whitener.pick(scaled)).reshape(len(amplitudes), -1).T
+    size, remainder = np.abs(seen).max(initial=0.0), apart(seen, imitated)
     note = ""
     if size < SMALLEST:
         note = NOTHING
-    elif np.linalg.norm(left) < INVISIBLE * np.linalg.norm(seen):
+    elif np.linalg.norm(remainder) < INVISIBLE * np.linalg.norm(seen):
         note = UNSEEN
-    offset = np.array([null(p) for p in own])
+    offset = np.array([null(p) for p in amplitudes])
     return Signature(
         effect=effect,
         entry=entry,
-        parameters=own,
+        parameters=amplitudes,
         columns=apart(columns, basis),
         moved=np.asarray(-np.linalg.lstsq(judged.fitted, columns, rcond=1e-12)[0], float),
-        low=(np.array([p.low for p in own]) - offset) / sd,
-        high=(np.array([p.high for p in own]) - offset) / sd,
+        low=(np.array([p.low for p in amplitudes]) - offset) / sd,
+        high=(np.array([p.high for p in amplitudes]) - offset) / sd,
         note=note,
     )

@@ -81,20 +81,26 @@ def smallest(
 
 
 def unseen(effect: Effect, why: str) -> Detectable:
-    """An effect of which these data show no size, and why."""
+    """The record of an effect that these data show at no size, with the reason."""
     p = effect.parameters[0]
     return Detectable(effect=effect.name, parameter=p.name, unit=p.unit, size=None, least=None, note=why)
 
 
 def quantile(alpha: float, *, effects: int, entries: int, one_sided: bool) -> float:
     """The score that an effect must reach: alpha shared among effects (Bonferroni, the worst case of Holm)
-    and among the entries of its grid (Sidak)."""
-    own = -math.expm1(math.log1p(-alpha / effects) / entries)
-    return -float(ndtri(own if one_sided else own / 2))
+    and among the entries of its grid (Sidak).
+
+    >>> round(quantile(0.01, effects=1, entries=1, one_sided=False), 3)
+    2.576
+    >>> round(quantile(0.01, effects=20, entries=5, one_sided=True), 3)
+    3.719
+    """
+    level = -math.expm1(math.log1p(-alpha / effects) / entries)
+    return -float(ndtri(level if one_sided else level / 2))
 
 
 def in_words(rows: Sequence[Detectable]) -> str:
-    """Sentences: what sizes would have been found, and which effects show at no size, with why."""
+    """Sentences on the sizes that would have been found, and on effects that show at no size."""
     seen = [row.words for row in rows if row.size is not None]
     blind: dict[str, list[str]] = {}
     for row in rows:
@@ -109,9 +115,9 @@ def in_words(rows: Sequence[Detectable]) -> str:
 
 def _apart(signatures: Array, fitted: Array) -> Array:
     """Norms (k,) of signatures (k, n) beside the columns of `fitted` (n, f); 0 where too little is left."""
-    left = apart(signatures.T, orthonormal(fitted))
-    size, whole = np.linalg.norm(left, axis=0), np.linalg.norm(signatures, axis=1)
-    return np.where(size > APART * whole, size, 0.0)
+    remainder = apart(signatures.T, orthonormal(fitted))
+    size, lengths = np.linalg.norm(remainder, axis=0), np.linalg.norm(signatures, axis=1)
+    return np.where(size > APART * lengths, size, 0.0)
 
 
 def _plausible(effect: Effect, entries: Sequence[Theta]) -> list[int]:
@@ -129,7 +135,7 @@ def _with_unit(size: float, parameter: Parameter) -> str:
 
 
 def _beside_plausible(parameter: Parameter, size: float) -> str:
-    """What a smallest visible size says beside the declared plausible range, in words."""
+    """A smallest visible size beside the declared plausible range, in words."""
     assert parameter.plausible is not None
     low, high = parameter.plausible
     smaller, larger = sorted(abs(x - null(parameter)) for x in parameter.plausible)

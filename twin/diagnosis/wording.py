@@ -22,22 +22,22 @@ def cannot(why: str) -> Diagnosis:
 def concluded(decision: Decision, base: Judged, rows: Sequence[Hypothesis]) -> Diagnosis:
     """The diagnosis that a decision makes of all hypotheses on a base model."""
     if not decision.needed:
-        found = Diagnosis(
+        diagnosis = Diagnosis(
             verdict="none needed",
             sentence="The model agrees with the measurement: these data ask for no further effect.",
         )
     elif decision.unknown:
-        found = _unknown(base, rows)
+        diagnosis = _unknown(base, rows)
     elif decision.weak:
-        found = _weak(decision)
+        diagnosis = _weak(decision)
     else:
-        found = _named(decision.named)
+        diagnosis = _named(decision.named)
     stand_ins = ranked([h for h in rows if h.kind and h.score is not None])
     return replace(
-        found,
+        diagnosis,
         ranking=ranked([h for h in rows if not h.kind and len(h.effects) == 1]),
         groups=ranked([h for h in rows if len(h.effects) > 1]),
-        resembles=found.resembles or stand_ins[:SHOWN],
+        resembles=diagnosis.resembles or stand_ins[:SHOWN],
         base=base,
     )
 
@@ -47,7 +47,7 @@ def _named(named: Sequence[Hypothesis]) -> Diagnosis:
     best = named[0]
     names = tuple(KINDS.get(h.kind, h.kind) if h.kind else h.physics for h in named)
     mimics = [h for h in named if h.kind]
-    found = Diagnosis(
+    diagnosis = Diagnosis(
         verdict=OR.join(names),
         sentence="",
         named=best.names,
@@ -58,12 +58,12 @@ def _named(named: Sequence[Hypothesis]) -> Diagnosis:
         tied=tuple(named),
         resembles=tuple(mimics),
     )
-    if found.ties:
+    if diagnosis.ties:
         like = "".join(f" The {h.kind} would be {h.words}." for h in mimics)
-        return replace(found, sentence=f"These data cannot tell {' from '.join(names)}.{like}")
+        return replace(diagnosis, sentence=f"These data cannot tell {' from '.join(names)}.{like}")
     are = "are" if best.names[1:] else "is"
-    told = ". ".join(capital(e.told(found.start)) for e in best.effects)
-    return replace(found, sentence=f"{' and '.join(best.names)} {are} missing. {told}.")
+    clauses = ". ".join(capital(e.told(diagnosis.start)) for e in best.effects)
+    return replace(diagnosis, sentence=f"{' and '.join(best.names)} {are} missing. {clauses}.")
 
 
 def _weak(decision: Decision) -> Diagnosis:
@@ -80,7 +80,7 @@ def _weak(decision: Decision) -> Diagnosis:
 
 def _unknown(base: Judged, rows: Sequence[Hypothesis]) -> Diagnosis:
     """The verdict where nothing of the library explains the residual."""
-    found = base.comparison
+    comparison = base.comparison
     fitted = [h for h in ranked(list(rows)) if h.score is not None and h.score.evidence > 0]
     alike = [h for h in fitted if h.kind][:SHOWN]
     like = f" The rest looks like {'; or like '.join(h.words for h in alike)}." if alike else ""
@@ -92,42 +92,43 @@ def _unknown(base: Judged, rows: Sequence[Hypothesis]) -> Diagnosis:
         verdict="none of these",
         sentence=(
             "Something is missing that the library does not have. The model misses the measurement by "
-            f"{error_in_words(found)}{like}{nearest} {_place(found)}"
+            f"{error_in_words(comparison)}{like}{nearest} {_place(comparison)}"
         ).strip(),
         resembles=tuple(alike),
     )
 
 
 def _place(base: Comparison) -> str:
-    """Where the residual is, of what the comparison says."""
-    _, found, rest = base.where.partition("It fails most")
-    return found + rest
+    """The part of the comparison's sentence that says where the residual is largest."""
+    _, clause, rest = base.where.partition("It fails most")
+    return clause + rest
 
 
-def fallen(found: Diagnosis) -> str:
-    """How the error falls with the named effects; nothing where none is kept."""
-    if found.kept is None or found.before is None or found.after is None:
+def fallen(diagnosis: Diagnosis) -> str:
+    """A sentence on the fall of the error with the named effects; "" where none is kept."""
+    if diagnosis.kept is None or diagnosis.before is None or diagnosis.after is None:
         return ""
+    before, after = diagnosis.before, diagnosis.after
     return (
-        f"The error falls from {found.before.raw_rms_mm:.3f} to {found.after.raw_rms_mm:.3f} mm rms with "
-        f"{' and '.join(e.label for e in found.effects)}; {found.after.expected_mm:.3f} mm is expected of "
+        f"The error falls from {before.raw_rms_mm:.3f} to {after.raw_rms_mm:.3f} mm rms with "
+        f"{' and '.join(e.label for e in diagnosis.effects)}; {after.expected_mm:.3f} mm is expected of "
         "noise and errors that many values share."
     )
 
 
-def unrefitted(found: Diagnosis) -> str:
+def unrefitted(diagnosis: Diagnosis) -> str:
     """The effects that were not refitted, as to first order they promise less, though more than HALF of what
     the best refit reached; nothing where there are none. One of them may be the right one where a model is so
     far off that the first order says little."""
-    done = {h.physics for h in found.ranking if h.refit is not None}
-    best = max((h.evidence for h in found.ranking if h.evidence is not None), default=0.0)
-    over = [h.physics for h in ranked(found.ranking) if not h.kind and h.hint > max(HALF * best, 0.0)]
-    left = [name for name in dict.fromkeys(over) if name not in done]
-    if not left:
+    done = {h.physics for h in diagnosis.ranking if h.refit is not None}
+    best = max((h.evidence for h in diagnosis.ranking if h.evidence is not None), default=0.0)
+    over = [h.physics for h in ranked(diagnosis.ranking) if not h.kind and h.hint > max(HALF * best, 0.0)]
+    missed = [name for name in dict.fromkeys(over) if name not in done]
+    if not missed:
         return ""
     return (
-        f"Not refitted, as to first order they explain less of it: {', '.join(left)}. One of them may fit as "
-        f"well with fewer numbers: `twin add NAME` tries it in the place of {found.law}."
+        f"Not refitted, as to first order they explain less of it: {', '.join(missed)}. One of them may fit "
+        f"as well with fewer numbers: `twin add NAME` tries it in the place of {diagnosis.law}."
     )
 
 

@@ -25,9 +25,9 @@ WHILE = {
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """residual (s, p, 3) = measured - predicted mm; cleaned, the same without the errors of measurement and
-    mesh that many values share, each at most PLAUSIBLE sds of it, NaN where no data; whitened (n,); the
-    lack-of-fit test; where it fails.
+    """The misfit of a model: residual (s, p, 3) = measured - predicted mm; cleaned (s, p, 3) mm, without
+    errors of measurement and mesh that many values share, each up to PLAUSIBLE sds, NaN where no data;
+    whitened (n,); the lack-of-fit test; where it fails.
 
     raw_rms_mm: the error, as it is drawn. expected_mm: what noise and shared errors together would give on
     average. rms_mm: the error without shared errors; noise_sd_mm: what noise alone would give of that.
@@ -50,18 +50,18 @@ class Comparison:
 
     @property
     def adequate(self) -> bool:
-        """Whether noise alone explains the residual."""
+        """True if noise alone explains the residual."""
         return self.p_value > ADEQUATE
 
     @property
     def doubt(self) -> str:
-        """Why parameters of this fit can have no interval, in words; nothing where the model fits."""
+        """The reason for which parameters of this fit have no interval, in words; "" where the model fits."""
         if np.isnan(self.p_value):
             return "there are no more data than fitted parameters"
         return "" if self.adequate else "the model does not fit yet"
 
     def record(self, held_out: Sequence[UnseenFilm] | None = None) -> ComparisonRecord:
-        """What comparison.json holds; held_out: of films that the fit has not seen."""
+        """The record of comparison.json; held_out: of films that the fit has not seen."""
         beside = {} if held_out is None else {"held_out": tuple(held_out)}
         return ComparisonRecord(
             chi2=self.chi2,
@@ -83,6 +83,10 @@ def branches(time: Array, pressure: Array, log_time: Array, log_pressure: Array)
     """Branch number (s,) of each step, an index of BRANCHES, from the pressure path around it.
 
     A step is on a ramp where the log changes by more than 3 % of its range within 0.5 s.
+
+    >>> time, pressure = np.arange(6.0), np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0])
+    >>> [BRANCHES[k] for k in branches(time, pressure, time, pressure)]
+    ['rest', 'up', 'up', 'down', 'down', 'rest']
     """
     span = max(float(np.ptp(log_pressure)), 1e-12)
     change = np.interp(time + 0.25, log_time, log_pressure) - np.interp(time - 0.25, log_time, log_pressure)
@@ -94,10 +98,10 @@ def branches(time: Array, pressure: Array, log_time: Array, log_pressure: Array)
 def compare(
     targets: Targets, predicted: Array, whitener: Whitener, *, jacobian: Array, at_bound: int = 0
 ) -> Comparison:
-    """The comparison of a fitted prediction (s, p, 3) mm; jacobian (d, s, p, 3) mm is that of the fit.
+    """The comparison of a fitted prediction (s, p, 3) mm.
 
-    jacobian: of the free parameters only. at_bound: how many more there are, which ended at a bound; they
-    take no degree of freedom, but as many data as parameters show nothing.
+    jacobian (d, s, p, 3): the prediction's derivatives by the free parameters. at_bound: how many more there
+    are, which ended at a bound; they take no degree of freedom, but as many data as parameters show nothing.
     """
     residual = targets.value - predicted
     z = whitener.whiten(residual)
@@ -105,27 +109,27 @@ def compare(
     chi2, degrees = float(z @ z), whitener.count - fitted.shape[1]
     smooth = smooth_functions(targets, whitener)
     enough = len(z) > 2 * smooth.shape[1]
-    shown = degrees > at_bound
-    p = lack_of_fit(targets, whitener, z, fitted, smooth if enough else None) if shown else float("nan")
-    own, left = whitener.cleaned(residual, bound=PLAUSIBLE), np.full(residual.shape, np.nan)
-    left[:, whitener.components[:, 0], whitener.components[:, 1]] = own
-    found = Comparison(
+    testable = degrees > at_bound
+    p = lack_of_fit(targets, whitener, z, fitted, smooth if enough else None) if testable else float("nan")
+    cleaned_values, cleaned = whitener.cleaned(residual, bound=PLAUSIBLE), np.full(residual.shape, np.nan)
+    cleaned[:, whitener.components[:, 0], whitener.components[:, 1]] = cleaned_values
+    comparison = Comparison(
         residual=residual,
-        cleaned=left,
+        cleaned=cleaned,
         whitened=z,
         chi2=chi2,
         degrees_of_freedom=degrees,
         excess=excess(z, smooth, fitted=fitted) if enough else chi2 - degrees,
         p_value=p,
-        rms_mm=float(np.sqrt(np.nanmean(own**2))),
+        rms_mm=float(np.sqrt(np.nanmean(cleaned_values**2))),
         noise_sd_mm=whitener.noise_sd,
         where="",
-        maps=residual_maps(targets, whitener, own),
+        maps=residual_maps(targets, whitener, cleaned_values),
         raw_rms_mm=whitener.error(residual),
         expected_mm=whitener.expected,
         beyond=beyond(whitener, residual),
     )
-    return replace(found, where=_where(found))
+    return replace(comparison, where=_where(comparison))
 
 
 def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: Array | None) -> float:
@@ -151,17 +155,17 @@ def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: 
 
 def smooth_functions(targets: Targets, w: Whitener, shapes: Array | None = None) -> Array:
     """Whitened smooth functions (n, b): shapes (k, s), by default `slow_shapes`, for every component."""
-    own = slow_shapes(targets) if shapes is None else shapes
-    name = f"smooth {hash(own.tobytes())}"
+    courses = slow_shapes(targets) if shapes is None else shapes
+    name = f"smooth {hash(courses.tobytes())}"
     if name not in w.noise.kept:
         fields = []
         for point, axis in w.components:
-            for shape in own:
+            for shape in courses:
                 field = np.zeros((*targets.value.shape[:2], 3))
                 field[:, point, axis] = relative(shape, targets.reference, targets.rests)
                 fields.append(field)
         w.noise.kept[name] = w.innovations(np.array(fields))  # at once: the filter's steps are what costs
-    return w.calmed(w.noise.kept[name]).T
+    return w.rewhitened(w.noise.kept[name]).T
 
 
 def slow_shapes(targets: Targets) -> Array:
@@ -173,7 +177,7 @@ def slow_shapes(targets: Targets) -> Array:
     return np.array([x, x**2, x**3, since, (branch == 0).astype(float), x * (branch == 2)])
 
 
-def residual_maps(targets: Targets, w: Whitener, left: Array) -> dict[str, tuple[MapRow, ...]]:
+def residual_maps(targets: Targets, w: Whitener, cleaned: Array) -> dict[str, tuple[MapRow, ...]]:
     """Root mean square of the cleaned residual (s, m) mm, in mm and in noise sds, by marker, direction,
     pressure and branch.
 
@@ -186,28 +190,28 @@ def residual_maps(targets: Targets, w: Whitener, left: Array) -> dict[str, tuple
     band = np.clip(np.digitize(targets.pressure, edges) - 1, 0, 3)
     point, axis = w.components.T
     masks = {
-        "marker": {targets.names[k]: np.broadcast_to(point == k, left.shape) for k in np.unique(point)},
-        "direction": {f"U{k + 1}": np.broadcast_to(axis == k, left.shape) for k in np.unique(axis)},
+        "marker": {targets.names[k]: np.broadcast_to(point == k, cleaned.shape) for k in np.unique(point)},
+        "direction": {f"U{k + 1}": np.broadcast_to(axis == k, cleaned.shape) for k in np.unique(axis)},
         "pressure": {
             f"{edges[k] * 1e3:.1f} to {edges[k + 1] * 1e3:.1f} kPa": np.broadcast_to(
-                (band == k)[:, None], left.shape
+                (band == k)[:, None], cleaned.shape
             )
             for k in range(4)
         },
-        "branch": {BRANCHES[k]: np.broadcast_to((branch == k)[:, None], left.shape) for k in range(4)},
+        "branch": {BRANCHES[k]: np.broadcast_to((branch == k)[:, None], cleaned.shape) for k in range(4)},
     }
     return {
-        kind: tuple(_row(n, left[m], noise[m]) for n, m in rows.items() if m.any())
+        kind: tuple(_row(n, cleaned[m], noise[m]) for n, m in rows.items() if m.any())
         for kind, rows in masks.items()
     }
 
 
-def _row(name: str, left: Array, noise: Array) -> MapRow:
+def _row(name: str, cleaned: Array, noise: Array) -> MapRow:
     """One row of a map; of values that were never measured there is none: count 0 and no rms."""
-    good = np.isfinite(left)
+    good = np.isfinite(cleaned)
     if not good.any():
         return MapRow(name=name, count=0, rms_mm=None, noise_sd_mm=None, ratio=None)
-    rms, sd = (float(np.sqrt((x[good] ** 2).mean())) for x in (left, noise))
+    rms, sd = (float(np.sqrt((x[good] ** 2).mean())) for x in (cleaned, noise))
     return MapRow(
         name=name, count=int(good.sum()), rms_mm=rms, noise_sd_mm=sd, ratio=rms / sd if sd else None
     )
@@ -218,33 +222,34 @@ def _beyond_noise(row: MapRow) -> float:
     return (row.rms_mm or 0.0) ** 2 - (row.noise_sd_mm or 0.0) ** 2 if row.count else -np.inf
 
 
-def error_in_words(found: Comparison | ComparisonRecord) -> str:
+def error_in_words(comparison: Comparison | ComparisonRecord) -> str:
     """The error of a model and what would be expected of a right one, with shared errors and without, mm."""
     return (
-        f"{found.raw_rms_mm:.3f} mm rms; noise and errors that many values share would give "
-        f"{found.expected_mm:.3f} mm. Without such errors {found.rms_mm:.3f} mm is left; the noise is "
-        f"{found.noise_sd_mm:.3f} mm."
+        f"{comparison.raw_rms_mm:.3f} mm rms; noise and errors that many values share would give "
+        f"{comparison.expected_mm:.3f} mm. Without such errors {comparison.rms_mm:.3f} mm is left; the "
+        f"noise is {comparison.noise_sd_mm:.3f} mm."
     )
 
 
-def _where(found: Comparison) -> str:
-    """Whether the model agrees, and where it fails, in words."""
-    if np.isnan(found.p_value):
+def _where(comparison: Comparison) -> str:
+    """The agreement of the model, or the place of its misfit, in words."""
+    if np.isnan(comparison.p_value):
         return (
             "These data cannot show whether the model is right: there are no more data than fitted "
-            f"parameters ({found.raw_rms_mm:.3f} mm rms are left). Measure more markers, pressures or times."
+            f"parameters ({comparison.raw_rms_mm:.3f} mm rms are left). Measure more markers, pressures or "
+            "times."
         )
-    asked = in_words(found.beyond, fits=found.adequate)
-    if found.adequate:
+    excessive = in_words(comparison.beyond, fits=comparison.adequate)
+    if comparison.adequate:
         return (
             "The model agrees with the measurement within the noise. It misses it by "
-            f"{error_in_words(found)}{asked}"
+            f"{error_in_words(comparison)}{excessive}"
         )
-    worst = {kind: max(rows, key=_beyond_noise) for kind, rows in found.maps.items()}
+    worst = {kind: max(rows, key=_beyond_noise) for kind, rows in comparison.maps.items()}
     marker = worst["marker"]
     return (
-        f"The model misses the measurement by {error_in_words(found)} It fails most at marker "
+        f"The model misses the measurement by {error_in_words(comparison)} It fails most at marker "
         f"{marker.name} ({marker.rms_mm:.3f} mm, {marker.ratio:.1f} times its noise), in "
         f"{worst['direction'].name}, at {worst['pressure'].name}, "
-        f"{WHILE[worst['branch'].name]}.{asked}"
+        f"{WHILE[worst['branch'].name]}.{excessive}"
     )

@@ -1,4 +1,4 @@
-"""What fit.json and comparison.json hold, as those who write and those who read them know it.
+"""Records of a fit and of its comparison with the measurement: fit.json and comparison.json.
 
 It loads quickly: whoever asks which runs hold reads fits, and does without the packages that make them.
 """
@@ -57,7 +57,7 @@ class ParameterRow(Record):
 
 
 class MaterialTestRow(Record):
-    """How a fit agrees with one test of the silicone itself."""
+    """Agreement of a fit with a test of the silicone itself."""
 
     name: str
     kind: str = Field(description="uniaxial, planar, equibiaxial or shear; a compression is uniaxial")
@@ -77,7 +77,7 @@ class MaterialTestRow(Record):
 
 
 class MaterialTestsRow(Record):
-    """How a fit agrees with all tests of the silicone, and whether film and tests ask for the same one."""
+    """Agreement of a fit with all tests of the silicone, and of the film with these tests."""
 
     tests: tuple[MaterialTestRow, ...]
     film_decides: Finite = Field(description="number of fitted parameters that the film decides")
@@ -183,10 +183,10 @@ class FitRecord(Record):
     @staticmethod
     def of(fit: "Fit", **beside: Any) -> "FitRecord":
         """The record of a fit, with what stands beside it."""
-        own = {name: value for name, value in vars(fit).items() if name not in ("theta", "parameters")}
+        fields = {name: value for name, value in vars(fit).items() if name not in ("theta", "parameters")}
         rows = zip(fit.parameters, fit.theta, fit.sd, strict=True)
         values = {p.name: ParameterRow(value=x, sd=sd, **_given(p)) for p, x, sd in rows}
-        return FitRecord(**own | {"parameters": values, "covariance": fit.covariance.tolist()} | beside)
+        return FitRecord(**fields | {"parameters": values, "covariance": fit.covariance.tolist()} | beside)
 
     @property
     def fit(self) -> "Fit":
@@ -215,10 +215,10 @@ class FitRecord(Record):
     @property
     def estimates(self) -> dict[str, Estimate]:
         """The parameters with their intervals, by name; a fit of an older version has none."""
-        found = {name: self.intervals.get(name, OLDER) for name in self.parameters}
+        intervals = {name: self.intervals.get(name, OLDER) for name in self.parameters}
         return {
-            name: Estimate(value=p.value, unit=p.unit, low=own.low, high=own.high, note=own.note)
-            for (name, p), own in zip(self.parameters.items(), found.values(), strict=True)
+            name: Estimate(value=p.value, unit=p.unit, low=span.low, high=span.high, note=span.note)
+            for (name, p), span in zip(self.parameters.items(), intervals.values(), strict=True)
         }
 
 
@@ -228,18 +228,23 @@ def _given(parameter: "Parameter") -> dict[str, Any]:
 
 
 def check_covariance(rows: Rows, size: int) -> None:
-    """Raise ValueError unless rows are a covariance of so many parameters: square, symmetric, positive."""
+    """Raise ValueError unless rows are a covariance of `size` parameters: square, symmetric, positive.
+
+    >>> check_covariance(((1.0, 0.5), (0.4, 1.0)), 2)
+    Traceback (most recent call last):
+    ValueError: covariance is not symmetric
+    """
     if len(rows) != size or any(len(row) != size for row in rows):
         raise ValueError(f"covariance has {len(rows)} rows; wanted {size} x {size}, one for each parameter")
     matrix = np.array([[np.nan if x is None else x for x in row] for row in rows], dtype=float)
-    known = np.flatnonzero(np.isfinite(np.diag(matrix)))
-    own = np.nan_to_num(matrix[np.ix_(known, known)])
-    scale = np.sqrt(np.abs(np.diag(own)))
+    determined = np.flatnonzero(np.isfinite(np.diag(matrix)))
+    correlation = np.nan_to_num(matrix[np.ix_(determined, determined)])
+    scale = np.sqrt(np.abs(np.diag(correlation)))
     scale[scale == 0] = 1.0
-    own = own / np.outer(scale, scale)
-    if not np.allclose(own, own.T, rtol=0, atol=1e-6):
+    correlation = correlation / np.outer(scale, scale)
+    if not np.allclose(correlation, correlation.T, rtol=0, atol=1e-6):
         raise ValueError("covariance is not symmetric")
-    if len(own) and float(np.linalg.eigvalsh(own)[0]) < -NEGATIVE * len(own):
+    if len(correlation) and float(np.linalg.eigvalsh(correlation)[0]) < -NEGATIVE * len(correlation):
         raise ValueError("covariance has an eigenvalue below 0")
 
 

@@ -29,7 +29,8 @@ class ModelErrors:
 
     @staticmethod
     def of(model: Model, theta: Array, targets: Targets, *, law: float = 0.0) -> "ModelErrors":
-        """Those of a model at theta (d,); law: by which share of what they add its laws may err, 1 sd."""
+        """The errors of a model at theta (d,); law: by which share of what they add its laws may err, 1
+        sd."""
         return ModelErrors(
             gauge=model.per_pressure(theta) * targets.pressure_sd[:, None, None],
             modes=model.modes(theta),
@@ -40,8 +41,8 @@ class ModelErrors:
     def whitener(self, targets: Targets) -> Whitener:
         """The whitener of what a model can move, the finger's points, with these errors."""
         w = whitener(targets, prediction_modes=self.modes, gauge=self.gauge, points=~targets.fixed)
-        for one in self.laws:
-            w = w.beside(self.law * one.modes, (f"{LAW}{one.effect}",) * len(one.modes))
+        for error in self.laws:
+            w = w.beside(self.law * error.modes, (f"{LAW}{error.effect}",) * len(error.modes))
         return w
 
 

@@ -66,7 +66,7 @@ def frame_test(targets: Targets) -> FrameTest:
 
 
 def _noise_of_finger(targets: Targets, w: Whitener) -> float:
-    """Root mean variance in mm of the finger's own markers, that of the fixed ones where there are none."""
+    """Root mean variance in mm of the finger's own markers, of the fixed ones where there are none."""
     seen = targets.valid & ~targets.fixed[:, None] & ~targets.held_out[:, None, None]
     variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[seen]
     return float(np.sqrt(variance.mean())) if seen.any() else w.noise_sd
@@ -85,7 +85,7 @@ def _windows(targets: Targets) -> Array:
 
 
 def _sentence(w: Whitener, place: str, *, moves: bool) -> str:
-    """Whether the frame moves, and which marker does, in words."""
+    """The verdict on the frame with the marker that moves, in words."""
     noise = f"{w.noise_sd:.4f} mm"
     if not place:
         return f"The fixed markers stay in place within their noise of {noise}."
@@ -101,11 +101,11 @@ def _sentence(w: Whitener, place: str, *, moves: bool) -> str:
 
 
 def _place(targets: Targets, w: Whitener) -> str:
-    """Which marker moves most beyond its noise, by how much, where to and when, in words."""
-    left, windows = w.cleaned(targets.value, bound=PLAUSIBLE), _windows(targets) > 0
-    seen = [np.isfinite(left[rows]) for rows in windows]
-    count = np.array([own.sum(axis=0) for own in seen])  # (WINDOWS, m)
-    total = np.array([np.nan_to_num(left[rows]).sum(axis=0) for rows in windows])
+    """The marker that moves most beyond its noise, with distance, direction and time, in words."""
+    cleaned, windows = w.cleaned(targets.value, bound=PLAUSIBLE), _windows(targets) > 0
+    seen = [np.isfinite(cleaned[rows]) for rows in windows]
+    count = np.array([flags.sum(axis=0) for flags in seen])  # (WINDOWS, m)
+    total = np.array([np.nan_to_num(cleaned[rows]).sum(axis=0) for rows in windows])
     mean = total / np.maximum(count, 1)
     sd = np.sqrt((w.sd**2).mean(axis=0))
     component = int(np.argmax((count * (mean / sd) ** 2).sum(axis=0)))

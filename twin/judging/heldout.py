@@ -1,4 +1,4 @@
-"""How well a model foretells data that it was not fitted to: blocks, cycles or parts of a film, each left out
+"""Prediction errors of data that a model was not fitted to: blocks, cycles or parts of a film, each left out
 in turn."""
 
 from collections.abc import Mapping
@@ -31,27 +31,27 @@ class HeldOut(Record):
 def held_out(before: Judged, after: Judged, targets: Targets) -> HeldOut:
     """The held-out errors of two models, each by its own errors."""
     fold, name = folds(targets)
-    own = [
-        foretold(one.z, one.fitted, np.repeat(fold, len(one.whitener.components)), one.whitener.valid.ravel())
-        for one in (before, after)
+    errors = [
+        foretold(j.z, j.fitted, np.repeat(fold, len(j.whitener.components)), j.whitener.valid.ravel())
+        for j in (before, after)
     ]
-    return HeldOut(left_out=name, folds=len(np.unique(fold)), before_sd=own[0], after_sd=own[1])
+    return HeldOut(left_out=name, folds=len(np.unique(fold)), before_sd=errors[0], after_sd=errors[1])
 
 
 def foretold(z: Array, fitted: Array, fold: NDArray[np.int64], valid: NDArray[np.bool_]) -> float:
-    """Root mean square error in sds of values (n,) each foretold by a fit to those of all other folds.
+    """Root mean square error in sds of values (n,), each foretold by a fit to all other folds.
 
     z (n,): whitened residual. fitted (n, f): whitened derivatives of what is fitted. To first order, with the
     shared errors as all data show them: an error that many values share is taken off before.
     """
     scale = np.linalg.norm(fitted, axis=0)
     columns = fitted / np.where(scale > 0, scale, 1.0)
-    left = z.copy()
+    errors = z.copy()
     for number in np.unique(fold):
         out = fold == number
         step = np.linalg.lstsq(columns[~out], z[~out], rcond=1e-10)[0]
-        left[out] -= columns[out] @ step
-    return float(np.sqrt((left[valid] ** 2).mean()))
+        errors[out] -= columns[out] @ step
+    return float(np.sqrt((errors[valid] ** 2).mean()))
 
 
 def folds(targets: Targets) -> tuple[NDArray[np.int64], str]:
@@ -66,7 +66,11 @@ def folds(targets: Targets) -> tuple[NDArray[np.int64], str]:
 
 def cycles(pressure: Array) -> NDArray[np.int64]:
     """The number (s,) of the cycle that each step belongs to: a new one begins where the pressure rises from
-    rest, but for the first."""
+    rest, but for the first.
+
+    >>> cycles(np.array([0.0, 1.0, 0.0, 0.0, 1.0, 0.5]))
+    array([0, 0, 0, 0, 1, 1])
+    """
     low = float(pressure.min())
     x = (pressure - low) / max(float(np.ptp(pressure)), 1e-12)
     number, loaded, out = -1, False, np.zeros(len(x), np.int64)

@@ -34,7 +34,8 @@ def _estimate(fit: Fit, doubt: str, parameter: Parameter, value: float, span: An
 
 
 def _known(fit: Fit, parameter: Parameter, value: float) -> list[str]:
-    """Why a parameter has no interval whatever the model: it ends at a bound, or the data do not hold it."""
+    """Reasons for which a parameter has no interval whatever the model: it ends at a bound, or the data do
+    not determine it."""
     if parameter.name in fit.at_bound:
         return [f"ends at its bound of {value:g} {parameter.unit}".rstrip()]
     sd = fit.sd[[p.name for p in fit.parameters].index(parameter.name)]
@@ -44,10 +45,10 @@ def _known(fit: Fit, parameter: Parameter, value: float) -> list[str]:
 def fit_record(
     fit: Fit, comparison: Comparison, *, material_tests: MaterialTestsRow | None = None, **beside: Any
 ) -> FitRecord:
-    """What fit.json holds of a fit: its own record, whether the model fits, the intervals, and what stands
-    beside them."""
-    found = estimates(fit, comparison, material_tests)
-    intervals = {name: Interval(low=e.low, high=e.high, note=e.note) for name, e in found.items()}
+    """The record of fit.json: the fit, the adequacy of the model, the intervals, and what stands beside
+    them."""
+    rows = estimates(fit, comparison, material_tests)
+    intervals = {name: Interval(low=e.low, high=e.high, note=e.note) for name, e in rows.items()}
     adequate = comparison.adequate and not doubt_of_tests(material_tests)
     return FitRecord.of(
         fit, adequate=adequate, intervals=intervals, material_tests=material_tests, **beside

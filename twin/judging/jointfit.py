@@ -22,18 +22,18 @@ SMALL = 1e-9  # of the largest information, below which a direction is not deter
 def agreement(
     judged: Judged, targets: Targets, *, finger_stretch: float | None = None
 ) -> MaterialTestsRow | None:
-    """How a judged model agrees with the tests of the silicone; None where there are none. The film's own
-    wishes are those to first order, along the derivatives at the fit; the tests are fitted alone."""
+    """Agreement of a judged model with the tests of the silicone; None where there are none. The optimum of
+    the film alone is found to first order, along the derivatives at the fit; the tests are fitted alone."""
     return _Joint(judged, targets).row(finger_stretch) if targets.curves else None
 
 
-def doubt_of_tests(found: MaterialTestsRow | None) -> str:
-    """Why a fit of film and tests can have no interval, in words; nothing where they agree."""
-    if found is None:
+def doubt_of_tests(agreed: MaterialTestsRow | None) -> str:
+    """The reason for which a fit of film and tests has no interval, in words; "" where they agree."""
+    if agreed is None:
         return ""
-    if found.law_p_value is not None and found.law_p_value < ADEQUATE:
+    if agreed.law_p_value is not None and agreed.law_p_value < ADEQUATE:
         return "the law does not follow the material tests"
-    if found.p_value is not None and found.p_value < ADEQUATE:
+    if agreed.p_value is not None and agreed.p_value < ADEQUATE:
         return "film and material tests contradict each other"
     return ""
 
@@ -47,7 +47,7 @@ class _Joint:
 
     @cached_property
     def free(self) -> Array:
-        """Which parameters (d,) are free."""
+        """Flags (d,) of the free parameters."""
         return np.array([p.name not in self.judged.at_bound for p in self.judged.model.parameters])
 
     @cached_property
@@ -91,14 +91,14 @@ class _Joint:
         film = self.rows[0]
         covariance = np.linalg.pinv(sum(part.T @ part for part in self.rows), rcond=SMALL, hermitian=True)
         decide = [float(np.trace(covariance @ part.T @ part)) for part in self.rows]
-        theta, least, known = self.alone
+        theta, least, determined = self.alone
         z = self.judged.z
         step = np.asarray(np.linalg.lstsq(film, z, rcond=SMALL)[0], float)
         now = curve_residual(self.judged.model, self.targets, self.judged.theta)
         excess = float(z @ z + now @ now - ((z - film @ step) ** 2).sum() - least)
-        spare = rank(film) + known - rank(np.vstack(self.rows))
-        lacking = len(now) - known
-        made = MaterialTestsRow(
+        spare = rank(film) + determined - rank(np.vstack(self.rows))
+        lacking = len(now) - determined
+        result = MaterialTestsRow(
             tests=tuple(map(self._test, self.targets.curves, decide[1:])),
             film_decides=decide[0],
             **self._shears(step, theta),
@@ -107,18 +107,18 @@ class _Joint:
             finger_stretch=finger_stretch,
             sentence="",
         )
-        return made.model_copy(update={"sentence": _sentence(made, int(self.free.sum()))})
+        return result.model_copy(update={"sentence": _sentence(result, int(self.free.sum()))})
 
     def _test(self, curve: MaterialCurve, decides: float) -> MaterialTestRow:
         model = self.judged.model
         stress = curve.predicted(silicone(model, self.judged.values))
-        left = curve.stress - stress
-        shared, z = curve.shared(left), curve.whiten(left)
+        misfit = curve.stress - stress
+        shared, z = curve.shared(misfit), curve.whiten(misfit)
         return MaterialTestRow(
-            name=curve.name, kind=curve.kind, count=len(left), recorded=curve.recorded,
-            left_out=curve.left_out, up_to=curve.up_to, rms_MPa=float(np.sqrt((left**2).mean())),
+            name=curve.name, kind=curve.kind, count=len(misfit), recorded=curve.recorded,
+            left_out=curve.left_out, up_to=curve.up_to, rms_MPa=float(np.sqrt((misfit**2).mean())),
             chi2=float(z @ z),
-            worst_sd=float(np.abs((left - shared @ curve.modes) / curve.sd).max()),
+            worst_sd=float(np.abs((misfit - shared @ curve.modes) / curve.sd).max()),
             shared_sd=dict(zip(curve.mode_names, shared.tolist(), strict=True)), decides=decides,
             strain=tuple(curve.strain.tolist()), stress_MPa=tuple(curve.stress.tolist()),
             sd_MPa=tuple(np.sqrt(curve.sd**2 + (curve.modes**2).sum(axis=0)).tolist()),
@@ -129,8 +129,8 @@ class _Joint:
         """The shear moduli at rest that the film and the tests ask for alone, with their sds."""
         model, theta = self.judged.model, self.judged.theta
 
-        def shear(at: Array) -> float:
-            return silicone(model, model.named(at)).shear
+        def shear(point: Array) -> float:
+            return silicone(model, model.named(point)).shear
 
         steps = np.diag([STEP * p.step for p in model.parameters])
         slopes = np.array([(shear(theta + h) - shear(theta - h)) / (2 * h.sum()) for h in steps])
@@ -145,34 +145,44 @@ class _Joint:
 
 
 def rank(rows: Array) -> int:
-    """The number of directions that whitened derivatives (n, f), columns of length 1 at most, determine."""
+    """The number of directions that whitened derivatives (n, f), columns of length 1 at most, determine.
+
+    >>> rank(np.array([[1.0, 1.0], [2.0, 2.0]]) / 3)
+    1
+    """
     return int((np.linalg.svd(rows, compute_uv=False) > np.sqrt(SMALL)).sum())
 
 
 def sd_along(slope: Array, rows: Array) -> float | None:
     """The sd of what has these derivatives (f,), by whitened derivatives (n, f); None where they do not
-    determine it."""
+    determine it.
+
+    >>> sd_along(np.array([1.0, 0.0]), np.array([[2.0, 0.0]]))
+    0.5
+    >>> sd_along(np.array([0.0, 1.0]), np.array([[2.0, 0.0]])) is None
+    True
+    """
     _, sizes, axes = np.linalg.svd(rows, full_matrices=True)
     sizes = np.append(sizes, np.zeros(len(axes) - len(sizes)))
-    along, known = axes @ slope, sizes > np.sqrt(SMALL)
-    if np.linalg.norm(along[~known]) > 1e-6 * np.linalg.norm(slope):
+    along, determined = axes @ slope, sizes > np.sqrt(SMALL)
+    if np.linalg.norm(along[~determined]) > 1e-6 * np.linalg.norm(slope):
         return None
-    return float(np.linalg.norm(along[known] / sizes[known]))
+    return float(np.linalg.norm(along[determined] / sizes[determined]))
 
 
-def _sentence(found: MaterialTestsRow, free: int) -> str:
-    """Whether film and tests agree, what each decides, and what to think of where they do not, in words."""
-    names = " and ".join(test.name for test in found.tests)
+def _sentence(agreed: MaterialTestsRow, free: int) -> str:
+    """Agreement of film and tests in words: what each decides, and likely causes where they disagree."""
+    names = " and ".join(test.name for test in agreed.tests)
     decided = (
-        f"Of the {free} fitted parameters the film decides {found.film_decides:.1f}, "
-        f"{', '.join(f'{test.name} {test.decides:.1f}' for test in found.tests)}."
+        f"Of the {free} fitted parameters the film decides {agreed.film_decides:.1f}, "
+        f"{', '.join(f'{test.name} {test.decides:.1f}' for test in agreed.tests)}."
     )
-    wished = _wished(found)
-    doubt = doubt_of_tests(found)
+    wished = _wished(agreed)
+    doubt = doubt_of_tests(agreed)
     if not doubt:
         return f"Film and material tests ({names}) agree within their errors.{wished} {decided}"
-    if found.law_p_value is not None and found.law_p_value < ADEQUATE:
-        worst = max(found.tests, key=lambda test: test.worst_sd)
+    if agreed.law_p_value is not None and agreed.law_p_value < ADEQUATE:
+        worst = max(agreed.tests, key=lambda test: test.worst_sd)
         return (
             f"The model's law does not follow the material tests: {worst.name} is off by up to "
             f"{worst.worst_sd:.1f} sd.{wished} Are sd_MPa and sd_percent too small? Else another law is "
@@ -185,10 +195,10 @@ def _sentence(found: MaterialTestsRow, free: int) -> str:
     )
 
 
-def _wished(found: MaterialTestsRow) -> str:
-    """Which shear modulus film and tests ask for alone, in words."""
-    a, b = found.film_shear_MPa, found.tests_shear_MPa
-    sa, sb = found.film_shear_sd_MPa, found.tests_shear_sd_MPa
+def _wished(agreed: MaterialTestsRow) -> str:
+    """The shear moduli that film and tests ask for alone, in words."""
+    a, b = agreed.film_shear_MPa, agreed.tests_shear_MPa
+    sa, sb = agreed.film_shear_sd_MPa, agreed.tests_shear_sd_MPa
     if a is None or b is None or sa is None or sb is None:
         return ""
     apart = abs(a - b) / np.hypot(sa, sb)

@@ -103,7 +103,7 @@ def judge(
 
 
 def judge_fit(model: Model, targets: Targets, fit: Fit, *, law: float = 0.0) -> Judged:
-    """A model as it was fitted, with the errors at its fit, compared; law as in `judge`."""
+    """A fitted model judged by the errors at its fit, without another fit; law as in `judge`."""
     task = _Task(model, targets, fit.seed, 1, 0.1, TURNS, law)
     end = task._at(fit)
     return task.judged(replace(end, fit=fit))
@@ -114,13 +114,13 @@ def judged_by(
 ) -> tuple[Targets, Whitener]:
     """The targets that a fit with this prediction (s, p, 3) mm is judged by, and their whitener: all of them,
     or those without gross errors where these hardly count."""
-    own = without_gross(targets, targets.value - predicted, w)
-    return (own, w) if own is targets else (own, errors.whitener(own))
+    without = without_gross(targets, targets.value - predicted, w)
+    return (without, w) if without is targets else (without, errors.whitener(without))
 
 
 @dataclass(frozen=True)
 class _End:
-    """Where a descent ended, with the errors there."""
+    """The end of a descent, with the errors there."""
 
     fit: Fit
     errors: ModelErrors
@@ -180,8 +180,8 @@ class _Task:
         """The comparison of an end; parameters at a bound are free nowhere."""
         free = [p.name not in end.fit.at_bound for p in end.fit.parameters]
         jacobian = self.model.jacobian(end.fit.theta)[free]
-        own, w = judged_by(self.targets, end.predicted, end.errors, end.whitener)
-        found = compare(own, end.predicted, w, jacobian=jacobian, at_bound=len(end.fit.at_bound))
+        targets, w = judged_by(self.targets, end.predicted, end.errors, end.whitener)
+        comparison = compare(targets, end.predicted, w, jacobian=jacobian, at_bound=len(end.fit.at_bound))
         return Judged(
             model=self.model,
             fit=end.fit,
@@ -189,7 +189,7 @@ class _Task:
             whitener=w,
             predicted=end.predicted,
             jacobian=jacobian,
-            comparison=found,
+            comparison=comparison,
             fitted=w.whiten(jacobian).T,
             deviance=end.deviance,
         )
@@ -204,9 +204,9 @@ class _Task:
         )  # fmt: skip
 
     def _at(self, fit: Fit) -> _End:
-        """The fit as it is under the errors at its end: covariance and chi2 are those."""
+        """The fit with chi2 and covariance under the errors at its end."""
         errors = self._errors(fit.theta)
         w = errors.whitener(self.targets)
-        own = self._fit(w, fit.theta, 1)
-        kept = replace(own, evaluations=fit.evaluations, converged=fit.converged, reason=fit.reason)
-        return _End(kept, errors, w, self.model.predict(fit.theta))
+        refit = self._fit(w, fit.theta, 1)
+        result = replace(refit, evaluations=fit.evaluations, converged=fit.converged, reason=fit.reason)
+        return _End(result, errors, w, self.model.predict(fit.theta))

@@ -1,4 +1,4 @@
-"""A fitted model -> how it stands at each size of its laws' errors: its deviance, fit and lack of fit there.
+"""A fitted model -> its deviance, its fit and its lack of fit at each size of its laws' errors.
 
 No further solve: under the wider errors the fit takes one step along the derivatives that it has.
 """
@@ -33,53 +33,67 @@ class Level:
 
 def levels(judged: Judged, targets: Targets) -> tuple[Level, ...]:
     """The levels of a judged model that was fitted without law errors, one for each of LEVELS; the first
-    alone where it has no law that may err. At each the fit goes on along the derivatives that it has, at the
-    first too, so that it need not be at its end."""
-    laws, room = law_errors(judged.model, judged.theta, targets), _room(judged)
+    alone where no law may err. At every level, the first included, one linearised step improves the fit. So
+    the fit need not have converged.
+
+    Whitened modes M (n, k) of the law errors make the whitened residual's covariance I + eps^2 M M'. With
+    the eigenvectors U and the eigenvalues v of M M', those above 1e-10 of the largest, it is whitened by its
+    symmetric inverse root (Kessy, Lewin & Strimmer 2018, doi 10.1080/00031305.2016.1277159), and the matrix
+    determinant lemma gives what it adds to the deviance:
+
+        W = I - U diag(1 - 1 / sqrt(1 + eps^2 v)) U',    ln det = sum ln(1 + eps^2 v)
+    """
+    laws, bounds = law_errors(judged.model, judged.theta, targets), _step_bounds(judged)
     w, smooth = judged.whitener, smooth_functions(targets, judged.whitener)
-    modes = np.concatenate([np.zeros((0, *targets.value.shape)), *(one.modes for one in laws)])
-    columns = w.whiten(modes).T
-    sizes, turn = np.linalg.eigh(columns.T @ columns)
-    keep = sizes > 1e-10 * max(float(sizes.max(initial=0.0)), 1e-300)
-    axes, sizes = columns @ turn[:, keep] / np.sqrt(sizes[keep]), sizes[keep]
+    modes = np.concatenate([np.zeros((0, *targets.value.shape)), *(law.modes for law in laws)])
+    M = w.whiten(modes).T
+    eigenvalues, eigenvectors = np.linalg.eigh(M.T @ M)
+    nonzero = eigenvalues > 1e-10 * max(float(eigenvalues.max(initial=0.0)), 1e-300)
+    v = eigenvalues[nonzero]
+    U = M @ eigenvectors[:, nonzero] / np.sqrt(v)
+    testable = not np.isnan(judged.comparison.p_value)  # else there are no more data than parameters
 
-    shown = not np.isnan(judged.comparison.p_value)  # else there are no more data than parameters
+    def level(eps: float) -> Level:
+        reduction = 1 - 1 / np.sqrt(1 + eps**2 * v)
 
-    def at(law: float) -> Level:
-        shrink = 1 - 1 / np.sqrt(1 + law**2 * sizes)
+        def whitened(x: Array) -> Array:
+            return np.asarray(x - (U * reduction) @ (U.T @ x), float)
 
-        def calmed(x: Array) -> Array:
-            return np.asarray(x - (axes * shrink) @ (axes.T @ x), float)
-
-        z, fitted = calmed(judged.z), calmed(judged.fitted)
-        step = _bounded(fitted, z, room)
-        left = z - fitted @ step
-        some = calmed(smooth) if len(z) > 2 * smooth.shape[1] else None
+        z, fitted = whitened(judged.z), whitened(judged.fitted)
+        step = _bounded_step(fitted, z, bounds)
+        residual = z - fitted @ step
+        functions = whitened(smooth) if len(z) > 2 * smooth.shape[1] else None
         return Level(
-            law=law,
-            deviance=float(left @ left + w.log_det + np.log1p(law**2 * sizes).sum()),
+            law=eps,
+            deviance=float(residual @ residual + w.log_det + np.log1p(eps**2 * v).sum()),
             fitted=fitted,
             step=step,
-            p_value=lack_of_fit(targets, w, left, fitted, some) if shown else float("nan"),
+            p_value=lack_of_fit(targets, w, residual, fitted, functions) if testable else float("nan"),
         )
 
-    return tuple(map(at, LEVELS if laws else LEVELS[:1]))
+    return tuple(map(level, LEVELS if laws else LEVELS[:1]))
 
 
-def asked_for(found: Sequence[Level], evidence: Sequence[float]) -> Level:
-    """The level that data with 2 ln B (l,) at each ask for: of those at which the model fits the likeliest,
-    of all where it fits at none."""
-    fits = [k for k, one in enumerate(found) if one.p_value > ADEQUATE] or range(len(found))
-    return found[max(fits, key=lambda k: evidence[k] / 2 + np.log(WEIGHTS[k]))]
+def asked_for(at_levels: Sequence[Level], evidence: Sequence[float]) -> Level:
+    """The most probable level, given 2 ln B (l,) at each. Levels at which the model is adequate come first.
+
+    >>> none = np.zeros(0)
+    >>> rows = [Level(law=eps, deviance=0.0, fitted=none, step=none, p_value=p)
+    ...         for eps, p in zip(LEVELS, (1e-9, 0.2, 0.6, 0.7))]
+    >>> asked_for(rows, [90.0, 20.0, 60.0, 55.0]).law
+    0.1
+    """
+    adequate = [k for k, row in enumerate(at_levels) if row.p_value > ADEQUATE] or range(len(at_levels))
+    return at_levels[max(adequate, key=lambda k: evidence[k] / 2 + np.log(WEIGHTS[k]))]
 
 
 def with_laws(judged: Judged, targets: Targets, *, refit: bool = True) -> Judged:
-    """A judged model under the law errors that the data ask for, fitted anew under them, or as it was
-    fitted: intervals and the test of its fit then know that no law is exact."""
+    """A judged model under the law errors that the data ask for, fitted again under them if `refit`. Its
+    intervals and the test of its fit then know that no law is exact."""
     if not erring(judged.model):
         return judged
-    found = levels(judged, targets)
-    law = asked_for(found, [-one.deviance for one in found]).law
+    at_levels = levels(judged, targets)
+    law = asked_for(at_levels, [-row.deviance for row in at_levels]).law
     if not law:
         return judged
     if not refit:
@@ -87,21 +101,21 @@ def with_laws(judged: Judged, targets: Targets, *, refit: bool = True) -> Judged
     return judge(judged.model, targets, starts=judged.theta, seed=judged.fit.seed, law=law)
 
 
-def _room(judged: Judged) -> tuple[Array, Array]:
-    """How far each free parameter may go down and up (f,)."""
+def _step_bounds(judged: Judged) -> tuple[Array, Array]:
+    """The lowest and highest step (f,) of each free parameter."""
     free = [p for p in judged.model.parameters if p.name not in judged.at_bound]
     now = np.array([judged.values[p.name] for p in free])
     return np.array([p.low for p in free]) - now, np.array([p.high for p in free]) - now
 
 
-def _bounded(fitted: Array, z: Array, room: tuple[Array, Array]) -> Array:
-    """The step (f,) within its room that leaves least of z (n,)."""
+def _bounded_step(fitted: Array, z: Array, bounds: tuple[Array, Array]) -> Array:
+    """The step (f,) within bounds (low, high) that minimises |z - fitted step|^2."""
     if not fitted.shape[1]:
         return np.zeros(0)
     lengths = np.linalg.norm(fitted, axis=0)
     lengths[lengths == 0] = 1.0
     step = np.linalg.lstsq(fitted / lengths, z, rcond=1e-9)[0] / lengths
-    low, high = room
+    low, high = bounds
     if np.all((step >= low) & (step <= high)):
         return np.asarray(step, float)
     q, r = np.linalg.qr(fitted / lengths)

@@ -38,13 +38,13 @@ class LawError:
 def law_errors(model: Model, theta: Array, targets: Targets) -> tuple[LawError, ...]:
     """The errors of the laws of a model's effects at theta (d,), the base material's aside; what an effect
     adds is taken to first order in its amplitudes, which costs no solve."""
-    own = erring(model)
-    if not own:
+    effects = erring(model)
+    if not effects:
         return ()
     jacobian, values = model.jacobian(theta), model.named(theta)
     rows = dict(zip(values, jacobian, strict=True))
     shapes = _shapes(targets, np.asarray(model.test.points, float)[:, 0])
-    return tuple(_error(e, values, rows, shapes, targets) for e in own)
+    return tuple(_error(e, values, rows, shapes, targets) for e in effects)
 
 
 def erring(model: Model) -> list[Effect]:
@@ -75,13 +75,13 @@ def _shapes(targets: Targets, x: Array) -> Array:
         if a + b
     ]
     ways = np.ones(len(place)), place / 2
-    fields += [np.outer(course, way) for course in (before, t) for way in ways]
+    fields += [np.outer(course, factor) for course in (before, t) for factor in ways]
     out = [_along(field, axis) for axis in (0, 2) for field in fields]
     return np.array([*out, _along(np.ones((len(p), len(place))), 0)])
 
 
 def _along(field: Array, axis: int) -> Array:
-    """A field (s, p) as one of displacements (s, p, 3) along an axis."""
+    """Displacements (s, p, 3) along an axis, of sizes (s, p)."""
     out = np.zeros((*field.shape, 3))
     out[..., axis] = field
     return out
@@ -98,7 +98,11 @@ def _scaled(x: Array) -> Array:
 
 
 def memory(time: Array, pressure: Array, tau: float = TAU) -> Array:
-    """What a slow element would still feel: the pressure minus its running mean over tau (s)."""
+    """The memory of a slow element: the pressure (t,) minus its exponential running mean over tau in s.
+
+    >>> memory(np.arange(3.0), np.array([0.0, 1.0, 1.0]), tau=1.0).round(3)
+    array([0.   , 0.368, 0.135])
+    """
     out = np.zeros_like(pressure)
     mean = pressure[0]
     for n in range(1, len(time)):
@@ -109,7 +113,13 @@ def memory(time: Array, pressure: Array, tau: float = TAU) -> Array:
 
 def averaged(values: Sequence[float] | Array) -> float:
     """2 ln of the mean over LEVELS of exp(v / 2), of values (4,) in the unit of 2 ln B; of a
-    model whose laws cannot err its one value."""
+    model whose laws cannot err its one value.
+
+    >>> averaged([10.0])
+    10.0
+    >>> round(averaged([0.0, 0.0, 10.0, 0.0]), 2)  # 2 ln(0.65 + 0.35 exp(5))
+    7.93
+    """
     half = np.asarray(values, float) / 2
     top, weights = float(half.max()), np.array(WEIGHTS) if len(half) > 1 else np.ones(1)
     return 2 * (top + float(np.log(np.exp(np.maximum(half - top, -700.0)) @ weights)))

@@ -26,7 +26,7 @@ SHOWN = 20  # of the values that count least, those that fit.json keeps
 
 
 def held(parameters: Sequence[Parameter], name: str) -> Held:
-    """What a name holds: a parameter, C10+C01 or share."""
+    """The quantity of a name that a profile or a prior holds: a parameter, C10+C01 or share."""
     if name == TOTAL:
         return Held.total(parameters, *NAMES)
     if name == SHARE:
@@ -36,9 +36,10 @@ def held(parameters: Sequence[Parameter], name: str) -> Held:
 
 def priors_of(parameters: Sequence[Parameter], targets: Targets) -> tuple[Prior, ...]:
     """The priors of what a model with these parameters has."""
-    own = {p.name for p in parameters}
-    known = [k for k in targets.known if k.name in own or (k.name in (TOTAL, SHARE) and set(NAMES) <= own)]
-    return tuple(Prior(held(parameters, k.name), k.mean, k.sd) for k in known)
+    names = {p.name for p in parameters}
+    both = {TOTAL, SHARE} if set(NAMES) <= names else set()
+    priors = [k for k in targets.known if k.name in names | both]
+    return tuple(Prior(held(parameters, k.name), k.mean, k.sd) for k in priors)
 
 
 def posed(
@@ -56,8 +57,8 @@ def posed(
 
 
 def whitening(targets: Targets, w: Whitener) -> Callable[[Array], Array]:
-    """What makes a field (..., s, p, 3) mm white for `posed`: shared errors stay in it where tails are heavy,
-    as a gross error would leave with them and come into every value that shares them."""
+    """The map of fields (..., s, p, 3) mm to white values for `posed`: shared errors stay in it where tails
+    are heavy, as a gross error would leave with them and come into every value that shares them."""
     return w.innovations if targets.tails else w.whiten
 
 
@@ -65,26 +66,27 @@ def whitening(targets: Targets, w: Whitener) -> Callable[[Array], Array]:
 
 
 def prior_rows(fit: Fit, targets: Targets) -> tuple[PriorRow, ...]:
-    """What each prior did to a fit that knows it."""
+    """The influence of each prior on a fit."""
     return tuple(_row(prior, fit) for prior in priors_of(fit.parameters, targets))
 
 
 def _row(prior: Prior, fit: Fit) -> PriorRow:
     name, unit, pull = prior.held.name, prior.held.unit, prior.share_in(fit)
-    said = f"Prior: {name} = {prior.mean:.3g} +- {prior.sd:.3g} {unit}".rstrip()
+    sentence = f"Prior: {name} = {prior.mean:.3g} +- {prior.sd:.3g} {unit}".rstrip()
     if np.isnan(pull.moved):
-        said += "; what these data alone say of it is not known."
+        sentence += "; what these data alone say of it is not known."
     else:
         without = f"{pull.without:.3g} +- {pull.sd_without:.3g} {unit}".rstrip()
-        said += f"; these data alone say {without}. The prior moved it by {abs(pull.moved):.2g} sd of theirs."
+        sentence += f"; these data alone say {without}. The prior moved it by {abs(pull.moved):.2g} sd of "
+        sentence += "theirs."
     if pull.apart > APART:
-        said += (
+        sentence += (
             f" Prior and data disagree: they lie {pull.apart:.1f} sd of their difference apart. Correct the "
             "one that is wrong, or look for what the model lacks; the fit lies between them."
         )
     return PriorRow(
         name=name, unit=unit, mean=prior.mean, sd=prior.sd, value=pull.value, by_data=pull.without,
-        sd_by_data=pull.sd_without, moved_sd=pull.moved, apart_sd=pull.apart, sentence=said,
+        sd_by_data=pull.sd_without, moved_sd=pull.moved, apart_sd=pull.apart, sentence=sentence,
     )  # fmt: skip
 
 
@@ -93,22 +95,23 @@ def _row(prior: Prior, fit: Fit) -> PriorRow:
 
 def weights_of(targets: Targets, residual: Array, w: Whitener) -> Array:
     """The weight (s, p, 3) of every value with a residual (s, p, 3) mm, NaN where there is no data."""
-    left, _, scale = parted(w.innovations(residual), w.mode_innovations, targets.tails)
-    out, own = np.full(residual.shape, np.nan), weights(left, targets.tails, scale=scale)
-    own = own.reshape(w.valid.shape)
-    out[:, w.components[:, 0], w.components[:, 1]] = np.where(w.valid, own, np.nan)
+    innovations, _, scale = parted(w.innovations(residual), w.mode_innovations, targets.tails)
+    out, sizes = np.full(residual.shape, np.nan), weights(innovations, targets.tails, scale=scale)
+    sizes = sizes.reshape(w.valid.shape)
+    out[:, w.components[:, 0], w.components[:, 1]] = np.where(w.valid, sizes, np.nan)
     return out
 
 
 def gross(targets: Targets, residual: Array, w: Whitener) -> NDArray[np.bool_]:
-    """Which values (s, p, 3) are gross errors: more than GROSS times as far off as the t has its scale."""
+    """Flags (s, p, 3) of gross errors: more than GROSS times as far off as the t has its scale."""
     least = float(weights(np.array(GROSS), targets.tails))
     return np.nan_to_num(weights_of(targets, residual, w), nan=1.0) < least
 
 
 def without_gross(targets: Targets, residual: Array, w: Whitener) -> Targets:
-    """The targets without gross errors, by which a fit that gives them little weight is to be judged; as they
-    are where errors are normal, or where so many values are off that the model does not fit."""
+    """The targets without gross errors, by which a fit that gives them little weight is to be judged;
+    unchanged where errors are normal, or where more than MOST of all values are off and the model does not
+    fit."""
     if not targets.tails:
         return targets
     off = gross(targets, residual, w)
@@ -120,19 +123,19 @@ def down_weighted(targets: Targets, residual: Array, w: Whitener) -> tuple[DownW
     """The gross errors, the one that counts least first; SHOWN at most."""
     if not targets.tails:
         return ()
-    own, off = weights_of(targets, residual, w), np.argwhere(gross(targets, residual, w))
-    order = np.argsort([own[tuple(at)] for at in off], kind="stable")[:SHOWN]
+    sizes, off = weights_of(targets, residual, w), np.argwhere(gross(targets, residual, w))
+    order = np.argsort([sizes[tuple(index)] for index in off], kind="stable")[:SHOWN]
     return tuple(
         DownWeighted(
             point=targets.names[p], component=f"U{i + 1}", step=int(s), time_s=float(targets.time[s]),
-            residual_mm=float(residual[s, p, i]), weight=float(own[s, p, i]),
+            residual_mm=float(residual[s, p, i]), weight=float(sizes[s, p, i]),
         )
         for s, p, i in off[order]
     )  # fmt: skip
 
 
 def weights_in_words(targets: Targets, residual: Array, w: Whitener) -> str:
-    """What the errors' tails did, one or two sentences; "" where errors are normal."""
+    """The effect of the errors' tails on the fit, one or two sentences; "" where errors are normal."""
     if not targets.tails:
         return ""
     count, rows = int(gross(targets, residual, w).sum()), down_weighted(targets, residual, w)

@@ -31,7 +31,8 @@ def curve_residual(model: Model, targets: Targets, theta: Array) -> Array:
 def beside_film(
     residual: Residual, jacobian: Jacobian, information: Jacobian | None, *, model: Model, targets: Targets
 ) -> tuple[Residual, Jacobian, Jacobian | None]:
-    """A film's residual, its derivatives and the rows of its information, with those of all curves below."""
+    """A film's residual, its derivatives and the rows of its information, with the rows of all curves
+    below."""
 
     def longer(theta: Array) -> Array | None:
         film = residual(theta)

@@ -41,7 +41,7 @@ class NoiseFilter:
 
     @cached_property
     def first(self) -> NDArray[np.bool_]:
-        """Which steps (s,) are the first of their block."""
+        """Flags (s,) of the first step of each block."""
         return np.append(True, np.diff(self.block) > 0)
 
     @cached_property
@@ -52,11 +52,11 @@ class NoiseFilter:
         turn, gain, P = np.zeros((steps, m, m)), np.zeros((steps, m, m)), self.steady[0].static
         for t, seen in enumerate(self.valid):
             n = self.steady[self.block[t]]
-            kept = np.outer(n.rho, n.rho)
-            P = n.static if self.first[t] else kept * P + n.static * (1 - kept)
-            own = np.ix_(seen, seen)
+            decay = np.outer(n.rho, n.rho)
+            P = n.static if self.first[t] else decay * P + n.static * (1 - decay)
+            data = np.ix_(seen, seen)
             white = np.maximum(self.sd[t] ** 2 - np.diag(n.static + n.fresh), 0.0)[seen]
-            turn[t][own] = np.linalg.inv(np.linalg.cholesky((P + n.fresh)[own] + np.diag(white)))
+            turn[t][data] = np.linalg.inv(np.linalg.cholesky((P + n.fresh)[data] + np.diag(white)))
             gain[t] = P @ turn[t].T
             P = P - gain[t] @ gain[t].T
         return turn, gain
@@ -84,14 +84,14 @@ _made: list[tuple[Targets, NDArray[np.bool_] | None, NoiseFilter]] = []  # the l
 
 
 def noise_filter(targets: Targets, points: NDArray[np.bool_] | None) -> NoiseFilter:
-    """The noise filter of targets, made once for the same object: every model fitted to it asks anew."""
-    for own, mask, made in _made:
-        if own is targets and _same(mask, points):
-            return made
-    found = _filter_of(targets, points)
-    _made.append((targets, points, found))
+    """The noise filter of targets, made once for an object, as every model fitted to it asks again."""
+    for of_targets, mask, cached in _made:
+        if of_targets is targets and _same(mask, points):
+            return cached
+    filtered = _filter_of(targets, points)
+    _made.append((targets, points, filtered))
     del _made[:-KEPT]
-    return found
+    return filtered
 
 
 def _same(a: NDArray[np.bool_] | None, b: NDArray[np.bool_] | None) -> bool:
@@ -111,8 +111,8 @@ def _filter_of(targets: Targets, points: NDArray[np.bool_] | None) -> NoiseFilte
     steady: tuple[Steady, ...] = (Steady(np.diag(sd.min(axis=0) ** 2), none, np.zeros(len(components))),)
     if targets.noise is not None:
         models = targets.noises or (targets.noise,)
-        made = [_steady(noise, components) for noise in models]
-        steady, more = tuple(one for one, _ in made), np.array([extra for _, extra in made])
+        pairs = [_steady(noise, components) for noise in models]
+        steady, more = tuple(state for state, _ in pairs), np.array([extra for _, extra in pairs])
         sd = np.sqrt(sd**2 + more[targets.block if targets.noises else np.zeros_like(targets.block)])
     if len(steady) == 1:
         steady *= int(targets.block[-1]) + 1
@@ -127,12 +127,12 @@ def _steady(noise: Noise, components: NDArray[np.int64]) -> tuple[Steady, Array]
     single variances are (Hartlap, Simon & Schneider 2007, doi 10.1051/0004-6361:20066170).
     """
     p, i = components.T
-    flat, own, frames = p * 3 + i, noise.sd[p, i], noise.frames
+    flat, sd, frames = p * 3 + i, noise.sd[p, i], noise.frames
     inflation = (frames - 2) / max(frames - len(components) - 1, 1)
     correlation = shrunk(noise.correlation[np.ix_(flat, flat)], frames, i)
-    within = inflation * correlation * np.outer(own, own)
+    within = inflation * correlation * np.outer(sd, sd)
     rho = np.clip(np.nan_to_num(noise.rho[p, i]), 0.0, 0.99)
-    return Steady(noise.lasting * within, (1 - noise.lasting) * within, rho), (inflation - 1) * own**2
+    return Steady(noise.lasting * within, (1 - noise.lasting) * within, rho), (inflation - 1) * sd**2
 
 
 def shrunk(correlation: Array, frames: int, axis: NDArray[np.int64]) -> Array:
@@ -142,6 +142,12 @@ def shrunk(correlation: Array, frames: int, axis: NDArray[np.int64]) -> Array:
     The weight is the ratio of the sampling variance (1 - r^2)^2 / n to the spread of the off-diagonal values
     about that target (Schaefer & Strimmer 2005, doi 10.2202/1544-6115.1175). Towards plain independence,
     markers that jitter together would lose a part of it, and their mean would be stated too small.
+
+    >>> sample = np.array([[1.0, 0.3, 0.5], [0.3, 1.0, 0.4], [0.5, 0.4, 1.0]])
+    >>> shrunk(sample, 1000, np.zeros(3, int)).round(3)
+    array([[1.  , 0.31, 0.49],
+           [0.31, 1.  , 0.4 ],
+           [0.49, 0.4 , 1.  ]])
     """
     off = ~np.eye(len(correlation), dtype=bool)
     target = np.zeros_like(correlation)

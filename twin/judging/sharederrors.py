@@ -31,7 +31,11 @@ WORDS = {
 
 
 def subject(name: str) -> str:
-    """What the error of a mode's name is an error of: "the clock of the film" for `sync`."""
+    """The quantity that a mode of this name is an error of, in words.
+
+    >>> subject("sync"), subject("placement:tip:x")
+    ('the clock of the film', 'the place of marker tip along x')
+    """
     name, _, film = name.partition("@")
     if film:
         return f"{subject(name)} in film {film}"
@@ -47,9 +51,9 @@ def subject(name: str) -> str:
 def beyond(w: Whitener, residual: Array) -> tuple[tuple[str, float], ...]:
     """Names of shared errors that a residual (s, p, 3) mm asks to be more than BEYOND sd, and their sizes in
     sd, the largest first."""
-    found = w.amplitudes(residual)[: w.shared]
-    order = [int(k) for k in np.argsort(-np.abs(found)) if abs(found[k]) > BEYOND]
-    return tuple((w.names[k], float(found[k])) for k in order)
+    amplitudes = w.amplitudes(residual)[: w.shared]
+    order = [int(k) for k in np.argsort(-np.abs(amplitudes)) if abs(amplitudes[k]) > BEYOND]
+    return tuple((w.names[k], float(amplitudes[k])) for k in order)
 
 
 def in_words(rows: Sequence[tuple[str, float]], *, fits: bool) -> str:
@@ -64,9 +68,9 @@ def in_words(rows: Sequence[tuple[str, float]], *, fits: bool) -> str:
     for name, size in rows:
         largest.setdefault(subject(name), size)
     (what, size), *others = list(largest.items())[:SAID]
-    said = [f"{what} would have to be off by {abs(size):.0f} sd"]
-    said += [f"{what} by {abs(size):.0f} sd" for what, size in others]
+    clauses = [f"{what} would have to be off by {abs(size):.0f} sd"]
+    clauses += [f"{what} by {abs(size):.0f} sd" for what, size in others]
     more = len(largest) - SAID
-    said += [f"{more} more error{'s' * (more > 1)} by more than {BEYOND:.0f} sd"] if more > 0 else []
-    listed = " and ".join(filter(None, [", ".join(said[:-1]), said[-1]]))
+    clauses += [f"{more} more error{'s' * (more > 1)} by more than {BEYOND:.0f} sd"] if more > 0 else []
+    listed = " and ".join(filter(None, [", ".join(clauses[:-1]), clauses[-1]]))
     return f" {'For that' if fits else 'Even so'}, {listed}."

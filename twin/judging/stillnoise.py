@@ -23,9 +23,10 @@ def stated_noise(value: Array, sd_mm: float, rho: float = 0.0) -> Noise:
     correlated by rho."""
     seen = np.isfinite(value).any(axis=0)
     how = f"correlated by {rho:g} from step to step" if rho else "each value by itself"
-    said = f"The noise is taken as stated, an sd of {sd_mm:g} mm, {how}: the verdict holds if that is right."
+    sentence = f"The noise is taken as stated, an sd of {sd_mm:g} mm, {how}: "
+    sentence += "the verdict holds if that is right."
     sd = np.where(seen, sd_mm, np.nan)
-    return _noise(sd, np.where(seen, rho, np.nan), np.eye(sd.size), STATED, said)
+    return _noise(sd, np.where(seen, rho, np.nan), np.eye(sd.size), STATED, sentence)
 
 
 def still_noise(value: Array, pressure: Array, still: Still) -> Noise:
@@ -35,77 +36,82 @@ def still_noise(value: Array, pressure: Array, still: Still) -> Noise:
     where a component has fewer than LEAST free values in them, or does not scatter at all.
     """
     stretches = holds(pressure) if still == "holds" else list(still)
-    for first, last in stretches:
-        if not 0 <= first <= last < len(value):
+    for start, end in stretches:
+        if not 0 <= start <= end < len(value):
             raise ValueError(
-                f"still_steps = [{first}, {last}]: wanted the first and last step of a rest or hold, from 0 "
+                f"still_steps = [{start}, {end}]: wanted the first and last step of a rest or hold, from 0 "
                 f"to {len(value) - 1}"
             )
     s, p, _ = value.shape
     flat = value.reshape(s, 3 * p)
-    parts = [_scatter(flat[first : last + 1]) for first, last in stretches]
-    left = np.concatenate([np.zeros((0, 3 * p)), *(rest for rest, _ in parts)])
+    parts = [_scatter(flat[start : end + 1]) for start, end in stretches]
+    scatter = np.concatenate([np.zeros((0, 3 * p)), *(rest for rest, _ in parts)])
     free = sum(n for _, n in parts)
     seen = np.isfinite(flat).any(axis=0)
-    _check(left[:, seen], free, stretches)
+    _check(scatter[:, seen], free, stretches)
     sd, rho, correlation = np.full(3 * p, np.nan), np.full(3 * p, np.nan), np.eye(3 * p)
-    own = left[:, seen]
-    taken = (len(own) - free) / len(own)  # by the polynomials, from the correlation too
+    values = scatter[:, seen]
+    taken = (len(values) - free) / len(values)  # by the polynomials, from the correlation too
     lag = _lagged([rest[:, seen] for rest, _ in parts])
     rho[seen] = lag = np.clip(lag + taken * (1 + 2 * lag), 0.0, 0.95)
-    sd[seen] = np.sqrt((own**2).sum(axis=0) / (len(own) * (1 - taken * (1 + lag) / (1 - lag)).clip(0.5)))
-    correlation[np.ix_(seen, seen)] = np.corrcoef(own, rowvar=False) if seen.sum() > 1 else 1.0
-    said = (
-        f"The noise was estimated from {len(own)} steps at rest or under a held pressure, "
+    remaining = (1 - taken * (1 + lag) / (1 - lag)).clip(0.5)
+    sd[seen] = np.sqrt((values**2).sum(axis=0) / (len(values) * remaining))
+    correlation[np.ix_(seen, seen)] = np.corrcoef(values, rowvar=False) if seen.sum() > 1 else 1.0
+    sentence = (
+        f"The noise was estimated from {len(values)} steps at rest or under a held pressure, "
         "not from a static film."
     )
-    return _noise(sd.reshape(p, 3), rho.reshape(p, 3), correlation, free, said)
+    return _noise(sd.reshape(p, 3), rho.reshape(p, 3), correlation, free, sentence)
 
 
 def holds(pressure: Array) -> list[tuple[int, int]]:
-    """First and last step of each stretch of SHORTEST steps or more in which the pressure (s,) stays as it
-    is."""
-    near, out, first = HELD * float(np.abs(pressure).max()), [], 0
+    """First and last step of each stretch of SHORTEST steps or more in which the pressure (s,) stays within
+    HELD.
+
+    >>> holds(np.array([0.0, 1.0, *[2.0] * 9, 1.0]))
+    [(2, 10)]
+    """
+    near, out, start = HELD * float(np.abs(pressure).max()), [], 0
     for k in range(1, len(pressure) + 1):
-        if k == len(pressure) or np.ptp(pressure[first : k + 1]) > near:
-            out += [(first, k - 1)] if k - first >= SHORTEST else []
-            first = k
+        if k == len(pressure) or np.ptp(pressure[start : k + 1]) > near:
+            out += [(start, k - 1)] if k - start >= SHORTEST else []
+            start = k
     return out
 
 
 def _scatter(values: Array) -> tuple[Array, int]:
-    """What a polynomial of time leaves of values (k, m), and how many of each are free; of steps alone in
-    which all that is ever seen is seen."""
-    whole = values[np.isfinite(values[:, np.isfinite(values).any(axis=0)]).all(axis=1)]
-    degree = min(DEGREE, max((len(whole) - 1) // 4, 0))
-    if len(whole) < 2:
+    """Scatter (k, m) of values about a polynomial of time, and its degrees of freedom; of the steps in which
+    every component that is ever seen is seen."""
+    complete = values[np.isfinite(values[:, np.isfinite(values).any(axis=0)]).all(axis=1)]
+    degree = min(DEGREE, max((len(complete) - 1) // 4, 0))
+    if len(complete) < 2:
         return np.zeros((0, values.shape[1])), 0
-    basis = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(whole)), degree)
-    fitted = basis @ np.linalg.lstsq(basis, np.nan_to_num(whole), rcond=None)[0]
-    return whole - fitted, len(whole) - degree - 1
+    basis = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(complete)), degree)
+    fitted = basis @ np.linalg.lstsq(basis, np.nan_to_num(complete), rcond=None)[0]
+    return complete - fitted, len(complete) - degree - 1
 
 
 def _lagged(parts: Sequence[Array]) -> Array:
-    """The correlation (m,) of values with those of the step before, over all stretches (k, m)."""
+    """Lag-1 correlation (m,) of values over all stretches (k, m)."""
     along = sum((rest[1:] * rest[:-1]).sum(axis=0) for rest in parts)
     return np.asarray(along / sum((rest**2).sum(axis=0) for rest in parts), float)
 
 
-def _check(left: Array, free: int, stretches: Sequence[tuple[int, int]]) -> None:
+def _check(scatter: Array, free: int, stretches: Sequence[tuple[int, int]]) -> None:
     """Raise ValueError where the scatter of components (k, m) says too little of their noise."""
-    if free < LEAST or not np.isfinite(left).all():
+    if free < LEAST or not np.isfinite(scatter).all():
         raise ValueError(
             f"still_steps: {len(stretches)} rests or holds leave {max(free, 0)} free values of each "
             f"component, wanted {LEAST} or more in which every point is seen; name longer ones, or "
             "state sd_mm instead"
         )
-    if not (np.abs(left).max(axis=0) > ROUNDED).all():
+    if not (np.abs(scatter).max(axis=0) > ROUNDED).all():
         raise ValueError("still_steps: a component does not scatter at all; state sd_mm instead, in mm")
 
 
-def _noise(sd: Array, rho: Array, correlation: Array, frames: int, said: str) -> Noise:
+def _noise(sd: Array, rho: Array, correlation: Array, frames: int, basis: str) -> Noise:
     nothing: NDArray[np.float64] = np.where(np.isnan(sd), np.nan, 0.0)
     return Noise(
         sd=sd, rho=rho, correlation=correlation, frames=frames, codec_sd=nothing, gauge_sd_MPa=0.0,
-        gauge_frames=0, basis=said,
+        gauge_frames=0, basis=basis,
     )  # fmt: skip

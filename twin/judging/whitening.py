@@ -24,7 +24,25 @@ LAW = "law:"  # and an effect: the name of a mode that is an error of its law
 
 @dataclass(frozen=True, eq=False)
 class Whitener:
-    """What `whitener` returns; `whiten` is W, `amplitudes` the most probable size of each shared mode."""
+    """The linear map W of residuals in mm to independent values of variance 1, from noise and shared modes.
+
+    The covariance is N + sum of m m' over the modes m, with N of the noise filter. Innovations y = F r have
+    unit covariance without the modes; with G = F m (k, n) it is I + G'G, which `rewhitened` takes off along
+    its principal directions (symmetric inverse root, Kessy, Lewin & Strimmer 2018, doi
+    10.1080/00031305.2016.1277159).
+
+    Two steps of a value with noise of sd 1 and a shared error of 1 sd, covariance [[2, 1], [1, 2]]:
+
+    >>> from twin.judging.noisefilter import Steady
+    >>> still = Steady(np.eye(1), np.zeros((1, 1)), np.zeros(1))
+    >>> block = np.zeros(2, int)
+    >>> noise = NoiseFilter(np.array([[0, 0]]), np.ones((2, 1), bool), np.ones((2, 1)), (still,), block)
+    >>> w = Whitener(noise, np.ones((1, 2, 1)), 1, ("scale",))
+    >>> w.whiten(np.ones((2, 1, 3))).round(3)  # (1, 1) / sqrt(3)
+    array([0.577, 0.577])
+    >>> round(w.log_det, 3)  # ln 3
+    1.099
+    """
 
     noise: NoiseFilter
     modes: Array  # (k, s, m) mm, shared modes first (the reference's gauge error last), then one a step
@@ -38,7 +56,7 @@ class Whitener:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Which values (s, m) are data."""
+        """Flags (s, m) of the values that are data."""
         return self.noise.valid
 
     @property
@@ -63,7 +81,7 @@ class Whitener:
 
     @property
     def of_laws(self) -> NDArray[np.bool_]:
-        """Which shared modes (shared,) are errors of the model's laws."""
+        """Flags (shared,) of the shared modes that are errors of the model's laws."""
         return np.array([name.startswith(LAW) for name in self.names], bool)
 
     def pick(self, field: Array) -> Array:
@@ -76,9 +94,9 @@ class Whitener:
 
     def beside(self, modes: Array, names: Sequence[str]) -> "Whitener":
         """The whitener with more shared modes (k, s, p, 3) mm of these names (k,)."""
-        at, more = self.shared, np.where(self.valid, np.nan_to_num(self.pick(modes)), 0.0)
-        every = np.concatenate([self.modes[:at], more, self.modes[at:]])
-        return Whitener(self.noise, every, at + len(more), (*self.names, *names))
+        count, more = self.shared, np.where(self.valid, np.nan_to_num(self.pick(modes)), 0.0)
+        every = np.concatenate([self.modes[:count], more, self.modes[count:]])
+        return Whitener(self.noise, every, count + len(more), (*self.names, *names))
 
     @cached_property
     def _whitened_modes(self) -> Array:
@@ -99,22 +117,22 @@ class Whitener:
     def _axes(self) -> tuple[Array, Array]:
         """Orthonormal directions (n, r) in which the modes add variance, and the modes' sizes (r,) there."""
         G = self._whitened_modes
-        sizes, turn = np.linalg.eigh(self._gram)
+        sizes, vectors = np.linalg.eigh(self._gram)
         keep = sizes > 1e-10 * max(sizes.max(initial=0.0), 1e-300)
         root = np.sqrt(sizes[keep])
-        return (G.T @ turn[:, keep]) / root, root
+        return (G.T @ vectors[:, keep]) / root, root
 
     def whiten(self, field: Array) -> Array:
         """W applied to fields (..., s, p, 3) mm: values (..., n) of variance 1 where the field is noise."""
-        return self.calmed(self.innovations(field))
+        return self.rewhitened(self.innovations(field))
 
     @cached_property
     def log_det(self) -> float:
-        """ln det of the covariance in mm2 of the values that are data: that of their innovations, and what
+        """ln det of the covariance in mm2 of the values that are data: of their innovations, and what
         the modes add, ln det(1 + G'G) (matrix determinant lemma)."""
         return float(np.log1p(self._axes[1] ** 2).sum()) + self.noise.log_det
 
-    def calmed(self, z: Array) -> Array:
+    def rewhitened(self, z: Array) -> Array:
         """Innovations (..., n) with the variance of the modes taken off their directions."""
         axes, sizes = self._axes
         return np.asarray(z - (z @ axes) * (1 - 1 / np.sqrt(1 + sizes**2)) @ axes.T, float)
@@ -123,7 +141,7 @@ class Whitener:
     def _gauge_axes(self) -> tuple[Array, Array]:
         """The gauge's errors (k, n) in whitened values, and what makes orthonormal directions of them (k,
         r)."""
-        errors = self.calmed(self._whitened_modes[self.shared :])
+        errors = self.rewhitened(self._whitened_modes[self.shared :])
         sizes, turn = np.linalg.eigh(errors @ errors.T)
         keep = sizes > 1e-12 * max(float(sizes.max(initial=0.0)), 1e-300)
         return errors, turn[:, keep] / np.sqrt(sizes[keep])
@@ -134,27 +152,27 @@ class Whitener:
         return float((((errors @ z) @ turn) ** 2).sum()), turn.shape[1]
 
     def amplitudes(self, residual: Array, *, bound: float = np.inf) -> Array:
-        """Most probable amplitude (k,) of every mode in a residual (s, p, 3) mm, in sds; that of a shared
-        mode within +- bound."""
+        """Most probable amplitude (k,) of every mode in a residual (s, p, 3) mm, in sds; of a shared mode
+        within +- bound."""
         z = self.innovations(residual)
         H, b = np.eye(len(self.modes)) + self._gram, self._whitened_modes @ z
-        found = np.asarray(np.linalg.solve(H, b), float)
-        return found if np.all(np.abs(found[: self.shared]) <= bound) else _bounded(H, b, self.shared, bound)
+        sizes = np.asarray(np.linalg.solve(H, b), float)
+        return sizes if np.all(np.abs(sizes[: self.shared]) <= bound) else _bounded(H, b, self.shared, bound)
 
     def cleaned(self, residual: Array, *, gauge: bool = False, bound: float = np.inf) -> Array:
         """The residual (s, m) mm without its shared modes, each at most `bound` sds; gauge noise stays unless
-        `gauge`, and what laws leave always, as it is no error of the measurement; NaN where no data."""
+        `gauge`, law errors always, which are no errors of the measurement; NaN where no data."""
         count, size = len(self.modes) if gauge else self.shared, self.amplitudes(residual, bound=bound)
         size[: self.shared][self.of_laws] = 0.0
-        left = self.pick(residual) - np.tensordot(size[:count], self.modes[:count], 1)
-        return np.where(self.valid, left, np.nan)
+        cleaned = self.pick(residual) - np.tensordot(size[:count], self.modes[:count], 1)
+        return np.where(self.valid, cleaned, np.nan)
 
     def rms(self, residual: Array, *, gauge: bool = False, bound: float = np.inf) -> float:
         """Root mean square in mm of the cleaned residual."""
         return float(np.sqrt(np.nanmean(self.cleaned(residual, gauge=gauge, bound=bound) ** 2)))
 
     def error(self, residual: Array) -> float:
-        """Root mean square in mm of a residual (s, p, 3) mm as it is drawn, shared errors and all."""
+        """Root mean square in mm of a residual (s, p, 3) mm, shared errors included, as drawn."""
         return float(np.sqrt((self.pick(residual)[self.valid] ** 2).mean()))
 
     @property
@@ -167,17 +185,17 @@ class Whitener:
     def expected(self) -> float:
         """Root mean variance in mm of one value: noise and shared errors together, as `error` would be of a
         model that is right."""
-        own = np.append(~self.of_laws, np.ones(len(self.modes) - self.shared, bool))
-        variance = self.sd**2 + (self.modes[own] ** 2).sum(axis=0)
+        counted = np.append(~self.of_laws, np.ones(len(self.modes) - self.shared, bool))
+        variance = self.sd**2 + (self.modes[counted] ** 2).sum(axis=0)
         return float(np.sqrt(variance[self.valid].mean()))
 
 
 def _bounded(H: Array, b: Array, count: int, bound: float) -> Array:
     """The minimum (k,) of x'Hx - 2 b'x with |x| <= bound for the first `count` entries."""
-    own, rest = slice(count), slice(count, None)
-    cross = np.linalg.solve(H[rest, rest], np.column_stack([H[rest, own], b[rest]]))
-    root = np.linalg.cholesky(H[own, own] - H[own, rest] @ cross[:, :-1]).T
-    right = np.linalg.solve(root.T, b[own] - H[own, rest] @ cross[:, -1])
+    bounded, rest = slice(count), slice(count, None)
+    cross = np.linalg.solve(H[rest, rest], np.column_stack([H[rest, bounded], b[rest]]))
+    root = np.linalg.cholesky(H[bounded, bounded] - H[bounded, rest] @ cross[:, :-1]).T
+    right = np.linalg.solve(root.T, b[bounded] - H[bounded, rest] @ cross[:, -1])
     x = _boxed(np.asarray(root.T @ root, float), np.asarray(root.T @ right, float), bound)
     return np.concatenate([x, cross[:, -1] - cross[:, :-1] @ x])
 
@@ -231,15 +249,15 @@ def _gauge_modes(gauge: Array, reference: NDArray[np.int64], rests: NDArray[np.i
     inside = np.isin(np.arange(len(gauge)), reference)
     shared = []
     for rest in np.unique(rests):
-        own = reference[rests[reference] == rest]
+        steps_of_rest = reference[rests[reference] == rest]
         moved = (~inside & (rests == rest))[:, None]
-        mean = np.where(moved, -gauge[own].mean(axis=0) / np.sqrt(len(own)), 0.0)
+        mean = np.where(moved, -gauge[steps_of_rest].mean(axis=0) / np.sqrt(len(steps_of_rest)), 0.0)
         shared += [mean] if mean.any() else []
     steps = np.flatnonzero((gauge != 0).any(axis=1))
     single = np.zeros((len(steps), *gauge.shape))
     for row, step in enumerate(steps):
         single[row, step] = gauge[step]
         if inside[step]:
-            own = reference[rests[reference] == rests[step]]
-            single[row, own] -= gauge[step] / len(own)
+            steps_of_rest = reference[rests[reference] == rests[step]]
+            single[row, steps_of_rest] -= gauge[step] / len(steps_of_rest)
     return np.array(shared).reshape(len(shared), *gauge.shape), single
