@@ -57,13 +57,13 @@ def declared(specimen: Specimen) -> Iterator[str]:
 
 
 def _grid(e: Effect, test: Test) -> Iterator[str]:
-    tried, own = e.tries(test), {p.name: p for p in e.parameters}
+    tried, by_name = e.tries(test), {p.name: p for p in e.parameters}
     for entry in tried:
         for name, value in entry.items():
-            if name not in own:
+            if name not in by_name:
                 yield f"its grid names {name!r}, which is none of its parameters"
-            elif not own[name].low <= value <= own[name].high:
-                yield f"its grid has {name} = {_value(own[name], value)}, outside the parameter's bounds"
+            elif not by_name[name].low <= value <= by_name[name].high:
+                yield f"its grid has {name} = {_value(by_name[name], value)}, outside the parameter's bounds"
     if e.label == e.name:  # a wider law starts from the narrower
         for p in e.parameters:
             if p.null is None and not all(p.name in entry for entry in tried):
@@ -77,9 +77,9 @@ def _value(p: Parameter, value: float) -> str:
 def consistent(specimen: Specimen) -> Iterator[str]:
     """Labels, wider laws and where these start; and that it can be sent to a worker process."""
     e, wider = specimen.effect, specimen.effect.wider()
-    made = e.named(e.label)
-    known = [law.label for law in e.laws()] + ([made.label] if made else [])
-    if not re.fullmatch(rf"{e.name}(:\S+)?", e.label) or e.label not in known:
+    named = e.named(e.label)
+    labels = [law.label for law in e.laws()] + ([named.label] if named else [])
+    if not re.fullmatch(rf"{e.name}(:\S+)?", e.label) or e.label not in labels:
         yield f"its label {e.label!r} names none of its laws, wanted {e.name} or, for a wider one, {e.name}:2"
     if wider is not None:
         names = {p.name for p in wider.parameters}
@@ -98,8 +98,8 @@ def _widest(e: Effect) -> Iterator[str]:
     wide = e.wide()
     if wide is None:
         return
-    names, made = {p.name for p in wide.parameters}, e.named(wide.label)
-    if wide.name != e.name or (wide.label not in [w.label for w in e.laws()] and made is None):
+    names, named = {p.name for p in wide.parameters}, e.named(wide.label)
+    if wide.name != e.name or (wide.label not in [w.label for w in e.laws()] and named is None):
         yield f"its widest family {wide.label!r} has another name, or named() does not know its label"
     elif {k for k in wide.start(felt_values(e)) if k.startswith(f"{e.name}.")} != names:
         yield f"start() of its widest family {wide.label!r} does not give one value for each parameter"
@@ -109,20 +109,20 @@ def _widest(e: Effect) -> Iterator[str]:
 
 
 def pure(specimen: Specimen) -> Iterator[str]:
-    """`before` and `after` give the same twice, and leave alone what they are given."""
+    """`before` and `after` are pure: equal results for equal arguments, which they leave unchanged."""
     e, values, u = specimen.effect, specimen.felt, motion(specimen.test)
     test, kept_u = deepcopy(specimen.test), u.copy()
-    first = e.before(test, values)
+    result = e.before(test, values)
     if not alike(test, specimen.test):
         yield "before() changes the test that it is given; make a new one by dataclasses.replace"
-    elif not alike(first, e.before(test, values)):
+    elif not alike(result, e.before(test, values)):
         yield "before() gives another result the second time; it must depend on its arguments only"
     seen = e.after(u, test, values)
     if not alike(u, kept_u):
         yield "after() changes the displacements that it is given; make a new array"
     elif not alike(seen, e.after(u, test, values)):
         yield "after() gives another result the second time; it must depend on its arguments only"
-    if np.shape(seen) != u.shape or first.points.shape != test.points.shape:
+    if np.shape(seen) != u.shape or result.points.shape != test.points.shape:
         yield "it changes the number of steps or points; wanted the same shape (steps, points, 3)"
 
 
@@ -153,8 +153,9 @@ def nothing_at_null(specimen: Specimen) -> Iterator[str]:
     off = float(np.abs(specimen.absent - specimen.base).max())
     history = Requirement.HISTORY in specimen.effect.requires
     if off > (AGREE if history else 0.0):
-        wanted = "within 1e-6 mm" if history else 'bit for bit (within 1e-6 mm with requires = ("history",))'
-        yield f"at its null it changes the displacements by {off:.2g} mm, wanted those of the base {wanted}"
+        exact = 'bit for bit (within 1e-6 mm with requires = ("history",))'
+        how = "within 1e-6 mm" if history else exact
+        yield f"at its null it changes the displacements by {off:.2g} mm, wanted those of the base {how}"
 
 
 def something_beyond(specimen: Specimen) -> Iterator[str]:

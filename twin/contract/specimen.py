@@ -88,8 +88,8 @@ def felt_values(e: Effect) -> dict[str, float]:
     narrower = e.laws()[laws.index(e.label) - 1] if e.label in laws[1:] else None
     started = e.start(felt_values(narrower)) if narrower is not None else {}
     middle = {p.name: (p.low + p.high) / 2 for p in e.parameters}
-    first = e.tries(small_test())[0]
-    return {p.name: {**middle, **values, **started, **first}[p.name] for p in e.parameters}
+    entry = e.tries(small_test())[0]
+    return {p.name: {**middle, **values, **started, **entry}[p.name] for p in e.parameters}
 
 
 def _inside(p: Parameter, value: float) -> float:
@@ -118,7 +118,7 @@ def _base(entire: bool) -> Array:
 
 
 def whole(test: Test) -> Test:
-    """The test of the whole structure, from one of its half."""
+    """The test of the whole structure, from the test of its half."""
     return replace(test, case=mirrored(test.case))
 
 
@@ -131,7 +131,11 @@ def motion(test: Test) -> Array:
 # -- records of numbers --------------------------------------------------------------------------------------
 
 def alike(a: Any, b: Any) -> bool:
-    """Whether two records, mappings, sequences or arrays hold the same to the last bit."""
+    """True if two records, mappings, sequences or arrays are equal to the last bit.
+
+    >>> alike({"u": np.array([1.0, np.nan])}, {"u": np.array([1.0, np.nan])}), alike((1.0,), (1.0, 2.0))
+    (True, False)
+    """
     if is_dataclass(a):
         return type(a) is type(b) and all(alike(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
     if isinstance(a, Mapping):

@@ -177,7 +177,7 @@ def _planned(diagnosis: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
     tied = [h for h in diagnosis.tied if h.refit is not None][:TIED]
     members = [Member(h.refit.model, h.refit.fit.theta) for h in tied if h.refit is not None]
     users = [e for h in diagnosis.tied for e in h.effects if e.origin is not None]
-    seen = checks_in_words(witnesses([h.kind or h.label for h in diagnosis.tied], own=users))
+    seen = checks_in_words(witnesses([h.kind or h.label for h in diagnosis.tied], users=users))
     try:
         tests = next_experiments(members, targets, base.whitener)
     except Unsolvable:

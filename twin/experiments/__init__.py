@@ -1,4 +1,4 @@
-"""What to film or to measure next, where these data cannot tell two effects apart.
+"""Experiments to film or to measure next, where these data cannot tell two effects apart.
 
 Read `choice` first: the experiments there are, and how well each would tell what is tied. `plannedfilms`
 solves what a model would show in a film that was not made yet, `plannederrors` says how well that film

@@ -1,7 +1,7 @@
-"""What to look at or to measure without the model, where several explanations fit equally well.
+"""Checks without the model, where several explanations fit equally well.
 
-A gauge is checked, a finger weighed, a marker looked at: what is seen where one explanation is the right one
-is seen with no other. `choice` plans films of the same finger, by what its models would show in them.
+A gauge is checked, a finger weighed, a marker looked at: each explanation shows something else. `choice`
+plans films of the same finger, by what its models would show in them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -152,7 +152,7 @@ CHECKS: tuple[tuple[str, Mapping[str, str]], ...] = (
 )
 
 
-def witnesses(labels: Sequence[str], *, own: Sequence[Effect] = ()) -> tuple[Witness, ...]:
+def witnesses(labels: Sequence[str], *, users: Sequence[Effect] = ()) -> tuple[Witness, ...]:
     """Tests that tell explanations apart which fit equally well, the one to do first first; none for fewer
     than two, and none where no test of the list shows a difference.
 
@@ -161,7 +161,7 @@ def witnesses(labels: Sequence[str], *, own: Sequence[Effect] = ()) -> tuple[Wit
     most pairs, then the one that separates the most of the others, and so on; of equals the one in which more
     of them show.
     """
-    generic = {e.name: e.generic for e in (*all_effects(), *own)}
+    generic = {e.name: e.generic for e in (*all_effects(), *users)}
     rows = [(test, {label: _seen(label, shows, generic) for label in labels}) for test, shows in CHECKS]
     open_pairs, out = set(combinations(labels, 2)), []
     while open_pairs:
@@ -175,37 +175,37 @@ def witnesses(labels: Sequence[str], *, own: Sequence[Effect] = ()) -> tuple[Wit
     return tuple(out)
 
 
-def in_words(found: Sequence[Witness]) -> str:
-    """What to do, in one sentence; nothing without a test."""
-    if not found:
+def in_words(tests: Sequence[Witness]) -> str:
+    """The checks in a sentence; "" without one."""
+    if not tests:
         return ""
-    first, *others = (w.words for w in found)
-    return f"To tell them apart without the model, {'; then '.join([first, *others])}."
+    begin, *others = (w.words for w in tests)
+    return f"To tell them apart without the model, {'; then '.join([begin, *others])}."
 
 
 def _seen(label: str, shows: Mapping[str, str], generic: Mapping[str, str]) -> str:
-    """What a test shows where a label is right: of effects together, what any of them shows."""
-    found = []
-    for one in label.split(AND):
-        kind, name = kind_of(one), name_of(one)
-        found += [
+    """The observation of a test where a label is right; of effects together, of each of them."""
+    sights = []
+    for effect in label.split(AND):
+        kind, name = kind_of(effect), name_of(effect)
+        sights += [
             shows.get(kind, NOTHING) if kind else shows.get(name, shows.get(generic.get(name, ""), NOTHING))
         ]
-    return " and ".join(dict.fromkeys(filter(None, found)))
+    return " and ".join(dict.fromkeys(filter(None, sights)))
 
 
 def _parted(seen: Mapping[str, str], pairs: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """The pairs of labels of which a test shows different things."""
+    """The pairs of labels that a test tells apart."""
     return {(a, b) for a, b in pairs if seen[a] != seen[b]}
 
 
 def _at_marker(test: str, labels: Sequence[str]) -> str:
     """The test, with the markers and times that labels hold."""
-    found = [MarkerSlip().named(one) for label in labels for one in label.split(AND)]
-    held = [f"marker {e.marker} in the film at {e.time:.3g} s" for e in found if isinstance(e, MarkerSlip)]
+    slips = [MarkerSlip().named(effect) for label in labels for effect in label.split(AND)]
+    held = [f"marker {e.marker} in the film at {e.time:.3g} s" for e in slips if isinstance(e, MarkerSlip)]
     return f"look at {' and '.join(held)}" if held and test == PEEL else test
 
 
 def _count(seen: Mapping[str, str]) -> int:
-    """How many labels show in a test."""
+    """The number of labels that show in a test."""
     return sum(map(bool, seen.values()))

@@ -1,5 +1,5 @@
-"""What to do next where several effects explain the data equally well: for each of a list of experiments, how
-far apart it would bring them, in sds, and how long it takes.
+"""Experiments that tell effects apart which explain the data equally well: for each the separation in sds
+that it would bring, and its minutes.
 
 Every effect is taken for the truth in turn, at its fitted values, and the others mimic it as well as they can
 on the data there are and on the new ones together (`mimicry`). New films come with the errors of this one;
@@ -34,7 +34,7 @@ WEIGHING = 5.0  # minutes
 
 @dataclass(frozen=True, kw_only=True)
 class Filming:
-    """An experiment that films the finger as it is marked; minutes it takes."""
+    """An experiment that films the finger with its present markers, and its minutes."""
 
     film: Film
     minutes: float
@@ -145,13 +145,20 @@ def next_experiments(
     return ranked([*bench.films(), *bench.more(), *bench.measurements()])
 
 
-def ranked(found: Sequence[Experiment]) -> tuple[Experiment, ...]:
-    """Experiments, the one to do first first."""
-    return tuple(sorted(found, key=lambda e: (e.sigmas < APART, e.minutes * (e.sigmas >= APART), -e.sigmas)))
+def ranked(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
+    """Experiments in the order in which they are to be done: the quick ones that decide, then by separation.
+
+    >>> rows = [Experiment(experiment="hold", sigmas=3.0, minutes=6.0),
+    ...         Experiment(experiment="weigh", sigmas=8.0, minutes=5.0)]
+    >>> [e.experiment for e in ranked(rows)]
+    ['weigh', 'hold']
+    """
+    by_use = [(e.sigmas < APART, e.minutes * (e.sigmas >= APART), -e.sigmas) for e in experiments]
+    return tuple(experiments[k] for k in sorted(range(len(by_use)), key=by_use.__getitem__))
 
 
 def in_words(rows: Sequence[Experiment]) -> str:
-    """What to do next, in one sentence, with what other tests would give; nothing without a test."""
+    """The next experiment in a sentence, with the separation by others; "" without one."""
     if not rows:
         return ""
     best = max(rows, key=lambda e: e.sigmas)
@@ -167,7 +174,7 @@ def _number(sigmas: float) -> str:
 
 @dataclass(frozen=True)
 class _Bench:
-    """What every experiment is judged with."""
+    """The tied models and the errors by which every experiment is judged."""
 
     members: Sequence[Member]
     outlook: Outlook
@@ -192,17 +199,17 @@ class _Bench:
             films = films[:1]  # each would be a solve along its history
         lower = tuple(f for f in films if f.film.top <= 1.0)
         extra = _between(models[0], w)
-        for some in (films, lower):
+        for filmings in (films, lower):
             try:
-                plans = [f.film for f in some]
-                shown = tuple(responses(m, x, plans, extra) for m, x in zip(acting, thetas))
+                plans = [f.film for f in filmings]
+                responses_of = tuple(responses(m, x, plans, extra) for m, x in zip(acting, thetas))
             except Unsolvable:
                 continue
-            return _Bench(members, outlook, here, some, weighed, extra, shown)
+            return _Bench(members, outlook, here, filmings, weighed, extra, responses_of)
         return _Bench(members, outlook, here, (), weighed, extra, tuple([] for _ in members))
 
     def films(self) -> Iterator[Experiment]:
-        """The experiments that film the finger as it is marked."""
+        """The experiments that film the finger with its present markers."""
         for k, filming in enumerate(self.filmings):
             name, minutes = filming.film.name, filming.minutes
             if filming.film.gravity is not None and not self.weighed:
@@ -212,17 +219,17 @@ class _Bench:
 
     def more(self) -> Iterator[Experiment]:
         """The experiments that repeat the film and see more of the finger."""
-        own = self.outlook.w.components
-        axes, x, first = np.unique(own[:, 1]), self.extra[:, 0], self.outlook.u.shape[1]
+        components = self.outlook.w.components
+        axes, x, count = np.unique(components[:, 1]), self.extra[:, 0], self.outlook.u.shape[1]
         for start in range(0, len(x) if self.filmings else 0, MORE):
             points = np.arange(start, start + MORE)
-            added = np.array([(first + p, i) for p in points for i in axes])
+            added = np.array([(count + p, i) for p in points for i in axes])
             name = f"{AGAIN} with {MORE} more markers at x = {x[points[0]]:.0f} to {x[points[-1]]:.0f} mm"
-            sigmas = self._filmed(0, np.concatenate([own, added]))
+            sigmas = self._filmed(0, np.concatenate([components, added]))
             yield Experiment(experiment=name, minutes=15.0, sigmas=sigmas)
         if 1 not in axes and self.filmings:
             added = np.array([(p, 1) for p in self._marked])
-            sigmas = self._filmed(0, np.concatenate([own, added]))
+            sigmas = self._filmed(0, np.concatenate([components, added]))
             name = f"{AGAIN} with a second camera that sees U2"
             yield Experiment(experiment=name, minutes=40.0, sigmas=sigmas)
 
@@ -252,9 +259,9 @@ class _Bench:
     def _told(self, truth: int, mimic: int, name: str, sd: float) -> Rows:
         """The row of a parameter that is measured by itself."""
         a, b = (_value(self.members[k], name) for k in (truth, mimic))
-        own = [p.name for p in self.members[mimic].model.parameters]
-        column = own.index(name) if name in own else None
-        return measured(a, b, sd=sd, column=column, parameters=len(own))
+        names = [p.name for p in self.members[mimic].model.parameters]
+        column = names.index(name) if name in names else None
+        return measured(a, b, sd=sd, column=column, parameters=len(names))
 
     def _least(self, new: Mapping[tuple[int, int], list[Rows]]) -> float:
         """The smallest separation of any truth from any mimic, with new rows for each such pair."""
@@ -268,7 +275,7 @@ class _Bench:
 
 
 def _weighs(model: Model) -> bool:
-    """Whether a model knows or fits the finger's weight."""
+    """True if a model knows or fits the finger's weight."""
     return is_heavy(model.test.case) or any(e.name == "gravity" for e in model.effects)
 
 
@@ -280,10 +287,10 @@ def _value(member: Member, name: str) -> float:
 def _between(model: Model, w: Whitener) -> Array:
     """Places (k, 3) mm on the finger for more markers: along the line of those that it has."""
     marked = np.unique(w.components[:, 0])
-    own = model.test.points[marked[model.test.moving[marked]]]
-    own = own[np.argsort(own[:, 0])]
-    if len(own) < 2 or np.ptp(own[:, 0]) <= 0:
+    points = model.test.points[marked[model.test.moving[marked]]]
+    points = points[np.argsort(points[:, 0])]
+    if len(points) < 2 or np.ptp(points[:, 0]) <= 0:
         return np.zeros((0, 3))
-    x = np.linspace(own[0, 0], own[-1, 0], 2 * MORE * MORE + 1)[1::2]
-    line = np.stack([np.interp(x, own[:, 0], own[:, k]) for k in range(3)], axis=1)
+    x = np.linspace(points[0, 0], points[-1, 0], 2 * MORE * MORE + 1)[1::2]
+    line = np.stack([np.interp(x, points[:, 0], points[:, k]) for k in range(3)], axis=1)
     return np.array([nearest(model.test.case, place) for place in line])

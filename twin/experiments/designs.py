@@ -29,7 +29,8 @@ class DesignKind(StrEnum):
 
 @dataclass(frozen=True)
 class Variable:
-    """What is varied: its name, and its lowest and highest value in `unit`. whole: it takes whole numbers."""
+    """A variable of a design: its name, and its lowest and highest value in `unit`. whole: it takes whole
+    numbers."""
 
     name: str
     low: float

@@ -34,6 +34,11 @@ def main_effects(x: Array, y: Array, low: Array, high: Array) -> MainEffects | N
     """The main effects of variables x (n, d) on an answer y (n,), between low (d,) and high (d,).
 
     None where the runs are too few, or do not tell the variables apart.
+
+    >>> x = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0], [1.0, 2.0]])
+    >>> effects = main_effects(x, 3 * x[:, 0] - x[:, 1], np.zeros(2), np.array([1.0, 2.0]))
+    >>> effects.change.round(6), round(effects.explained, 6)
+    (array([ 3., -2.]), 1.0)
     """
     n, d = x.shape
     share = (x - low) / (high - low)
@@ -45,13 +50,13 @@ def main_effects(x: Array, y: Array, low: Array, high: Array) -> MainEffects | N
         return MainEffects(np.zeros(d), np.zeros(d), np.zeros(d), 1.0)
     inverse = np.linalg.inv(plane.T @ plane)
     slopes = inverse @ (plane.T @ y)
-    left = float(((y - plane @ slopes) ** 2).sum())
-    sd = np.sqrt(left / (n - d - 1) * np.diag(inverse))
+    residual = float(((y - plane @ slopes) ** 2).sum())
+    sd = np.sqrt(residual / (n - d - 1) * np.diag(inverse))
     return MainEffects(
         change=slopes[1:],
         sd=sd[1:],
         standardised=slopes[1:] * share.std(axis=0) / spread,
-        explained=1.0 - left / (n * spread**2),
+        explained=1.0 - residual / (n * spread**2),
     )
 
 
@@ -69,5 +74,5 @@ def levels_of(x: Array, y: Array, low: float, high: float) -> Array:
         number = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, BINS - 1)
         middle = (edges[:-1] + edges[1:]) / 2
         groups = [(float(middle[k]), y[number == k]) for k in range(BINS) if (number == k).any()]
-    error = [float(own.std(ddof=1) / np.sqrt(len(own))) if len(own) > 1 else np.nan for _, own in groups]
-    return np.array([(at, own.mean(), sd) for (at, own), sd in zip(groups, error, strict=True)])
+    error = [float(y.std(ddof=1) / np.sqrt(len(y))) if len(y) > 1 else np.nan for _, y in groups]
+    return np.array([(level, answers.mean(), sd) for (level, answers), sd in zip(groups, error, strict=True)])

@@ -1,4 +1,4 @@
-"""How far apart two models stay when the one, fitted anew, mimics the other as well as it can.
+"""Separation of two models where the one, fitted anew, mimics the other.
 
 The criterion of T-optimal experiments (Dette, Melas & Shpilev 2015, doi 10.1214/15-AOS1333): the truth is one
 model, and what counts is the non-centrality that the best fit of the other leaves, here to first order.
@@ -25,8 +25,8 @@ class Rows:
     shared: Array
 
     def gram(self, shared: int) -> tuple[Array, Array, float]:
-        """The normal equations of these rows beside others with so many shared errors, those of these rows
-        among them first: matrix (d + k, d + k), right side (d + k,), sum of squares."""
+        """The normal equations with k = `shared` shared errors, these rows' errors first: matrix (d + k, d +
+        k), right side (d + k,), sum of squares."""
         more = np.zeros((len(self.difference), shared - self.shared.shape[1]))
         columns = np.hstack([self.slopes, self.shared, more])
         return columns.T @ columns, columns.T @ self.difference, float(self.difference @ self.difference)
@@ -45,6 +45,10 @@ def separation(rows: Sequence[Rows], *, low: Array, high: Array) -> float:
     """The distance in sds that is left of the truth where the mimic's parameters move by low to high (d,).
 
     The square root of the least |difference - slopes x - shared a|^2 + |a|^2 over x and a.
+
+    >>> rows = Rows(np.array([3.0, 4.0]), np.array([[1.0], [0.0]]), np.zeros((2, 0)))
+    >>> round(separation([rows], low=np.array([-9.0]), high=np.array([9.0])), 6)
+    4.0
     """
     shared = max(r.shared.shape[1] for r in rows)
     grams = [r.gram(shared) for r in rows]
@@ -56,9 +60,9 @@ def separation(rows: Sequence[Rows], *, low: Array, high: Array) -> float:
     sizes, axes = np.linalg.eigh(matrix / np.outer(scale, scale))
     keep = sizes > TINY * max(float(sizes.max(initial=0.0)), 1e-300)
     root = (np.sqrt(sizes[keep])[:, None] * axes[:, keep].T) * scale  # root' root = matrix
-    wanted = (axes[:, keep].T @ (right / scale)) / np.sqrt(sizes[keep])
+    target = (axes[:, keep].T @ (right / scale)) / np.sqrt(sizes[keep])
     free = np.full(len(matrix) - d, np.inf)
     ends = np.append(low, -free), np.append(high, free)
-    found = lsq_linear(root, wanted, bounds=ends, method="bvls", tol=1e-12)
-    left = float(total) - float(wanted @ wanted) + 2.0 * float(found.cost)
-    return float(np.sqrt(max(left, 0.0)))
+    solution = lsq_linear(root, target, bounds=ends, method="bvls", tol=1e-12)
+    distance2 = float(total) - float(target @ target) + 2.0 * float(solution.cost)
+    return float(np.sqrt(max(distance2, 0.0)))

@@ -1,4 +1,4 @@
-"""The errors of a film that was not made yet, from those of the one that was; both as rows of `mimicry`.
+"""The errors of a planned film, from the errors of the present one; both as rows of `mimicry`.
 
 Per value the noise is the same. What many values share (scale, placement of the tags, reference) is the same
 error in both films: each such mode is carried over by how it depends on where its marker is.
@@ -20,8 +20,8 @@ OTHER_AXIS = 2.0  # times the noise of the others has an axis that this film doe
 
 @dataclass(frozen=True)
 class Outlook:
-    """What is known of the errors: targets with their whitener, and where a model is in this film, u
-    (s, p, 3) mm."""
+    """The known errors: targets with their whitener, and a model's displacements u (s, p, 3) mm in this
+    film."""
 
     targets: Targets
     w: Whitener
@@ -62,9 +62,9 @@ class Outlook:
 
     def _nearest(self, truth: Shown, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """The marker (c,) of this film that moves most like each point (c,)."""
-        own = np.unique(self.w.components[:, 0])
-        away = np.linalg.norm(truth.u[:, points, None] - truth.u[:, None, own], axis=(0, 3))
-        return np.where(points < self.u.shape[1], points, own[away.argmin(axis=1)])
+        markers = np.unique(self.w.components[:, 0])
+        away = np.linalg.norm(truth.u[:, points, None] - truth.u[:, None, markers], axis=(0, 3))
+        return np.where(points < self.u.shape[1], points, markers[away.argmin(axis=1)])
 
     def _sd(self, point: NDArray[np.int64], axis: NDArray[np.int64], interval: float) -> Array:
         """The noise (c,) mm of a value among its neighbours in time: of an autoregression so much larger as
@@ -73,9 +73,10 @@ class Outlook:
         between = float(np.median(np.diff(self.targets.time)))
         rho = np.clip(self.w.rho, 0.0, 0.99) ** (interval / between)
         sd = sd * np.sqrt((1 + rho) / (1 - rho))
-        known = {(int(p), int(i)): x for (p, i), x in zip(self.w.components, sd, strict=True)}
-        other = OTHER_AXIS * float(sd.mean())
-        return np.array([known.get((int(p), int(i)), other) for p, i in zip(point, axis, strict=True)])
+        by_component = {(int(p), int(i)): x for (p, i), x in zip(self.w.components, sd, strict=True)}
+        unseen = OTHER_AXIS * float(sd.mean())
+        keys = zip(point.tolist(), axis.tolist(), strict=True)
+        return np.array([by_component.get(key, unseen) for key in keys])
 
     def _carried(
         self, truth: Shown, p: NDArray[np.int64], near: NDArray[np.int64], axis: NDArray[np.int64]
@@ -101,6 +102,6 @@ def _place(u: Array) -> Array:
 def _whitened(y: Array, gauge: Array) -> Array:
     """Values (..., s c) of variance 1 of y (..., s, c) in sds, whose steps share a gauge error (s, c)."""
     size = (gauge**2).sum(axis=1, keepdims=True)
-    way = gauge / np.sqrt(np.maximum(size, 1e-300))
-    along = (y * way).sum(axis=-1, keepdims=True) * (1 - 1 / np.sqrt(1 + size))
-    return np.asarray((y - along * way).reshape(*y.shape[:-2], gauge.size), float)
+    direction = gauge / np.sqrt(np.maximum(size, 1e-300))
+    along = (y * direction).sum(axis=-1, keepdims=True) * (1 - 1 / np.sqrt(1 + size))
+    return np.asarray((y - along * direction).reshape(*y.shape[:-2], gauge.size), float)

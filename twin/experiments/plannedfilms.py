@@ -1,4 +1,4 @@
-"""Films that were not made yet -> what a model would show in them, all by one solve.
+"""Films that were not made yet -> the displacements that a model predicts for them, all by one solve.
 
 Without a memory displacements are a function of pressure and gravity. So the pressures of all planned films,
 as the chamber and the material feel them (creep by its equivalent pressure, a drift of the moduli by the
@@ -39,8 +39,8 @@ class Film:
 
 @dataclass(frozen=True)
 class Shown:
-    """What a model shows in a film: u (s, p, 3) mm relative to the reference, its derivatives (d, s, p, 3),
-    and dU/dp (s, p, 3) mm per MPa. interval: of two frames, s."""
+    """The prediction of a model for a film: u (s, p, 3) mm relative to the reference, its derivatives (d, s,
+    p, 3), and dU/dp (s, p, 3) mm per MPa. interval: of two frames, s."""
 
     u: Array
     jacobian: Array
@@ -80,16 +80,16 @@ def in_film(model: Model, film: Film, points: Array) -> Model:
     moving = np.append(test.moving, np.ones(len(points), bool))
     names = (*test.markers, *(f"new{k}" for k in range(1, len(points) + 1)))
     places = np.concatenate([test.points, points])
-    whole = replace(test, path=course, points=places, moving=moving, names=names)
-    return replace(model, test=whole, reference=np.arange(len(model.reference)), parent=None, mesh=None)
+    filmed = replace(test, path=course, points=places, moving=moving, names=names)
+    return replace(model, test=filmed, reference=np.arange(len(model.reference)), parent=None, mesh=None)
 
 
 def _course(path: Path, film: Film) -> tuple[Array, Array, Array]:
     """Log times (t,) s and pressures (t,) MPa of a film, and its frame times (s,) s."""
     top = film.top * float(path.pressure.max())
     if not film.corners:
-        first = path.output[: np.searchsorted(path.output, _first_turn(path))]
-        return first, film.top * path.pressure_at(first), first
+        outputs = path.output[: np.searchsorted(path.output, _first_turn(path))]
+        return outputs, film.top * path.pressure_at(outputs), outputs
     corner, share = np.array(film.corners).T
     frames = np.arange(corner[0], corner[-1], 1.0 / film.hz)
     time = np.union1d(corner, frames)
@@ -102,13 +102,14 @@ def _first_turn(path: Path) -> float:
 
 
 def remembers(case: Case) -> bool:
-    """Whether more than the creep of a case depends on what was before."""
+    """True if more than the creep of a case depends on its history."""
     rubs = case.contact is not None and case.contact.friction != 0
     return rubs or any(m.mullins is not None and m.mullins[0] for m in case.materials.values())
 
 
 def responses(model: Model, theta: Array, films: Sequence[Film], points: Array) -> list[Shown]:
-    """What a model at theta (d,) shows in films, in the order of its points and of more `points` (k, 3) mm.
+    """Predictions of a model at theta (d,) for films, in the order of its points and of more `points` (k, 3)
+    mm.
 
     Raises Unsolvable where the highest pressure has no equilibrium.
     """
@@ -163,7 +164,7 @@ def _neighbours(
 
 
 def _alone(model: Model, theta: Array) -> Shown:
-    """What a model shows in one film, solved along its history."""
+    """The prediction of a model for a film, solved along its history."""
     new = slice(len(model.reference), None)
     u, jacobian = model.predict(theta)[new], model.jacobian(theta)[:, new]
     return Shown(u, jacobian, model.per_pressure(theta)[new], _interval(model))
@@ -184,7 +185,7 @@ def _strung(tests: Sequence[Test]) -> tuple[Case, Path]:
 
 
 def _felt(path: Path, prony: Array) -> Array:
-    """The pressure (s,) MPa at the frames that brings an elastic body without drift to the same place."""
+    """The pressure (s,) MPa at the frames that brings an elastic body without drift to an equal shape."""
     plain = path.pressure / path.stiffness_at(path.time)
     felt = equivalent(path.time, plain, prony) if prony[:, 0].any() else plain
     return np.interp(path.output, path.time, felt)

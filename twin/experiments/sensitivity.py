@@ -49,11 +49,11 @@ def sobol_indices(
         raise ValueError("Sobol indices need SALib, which is not installed; run pip install SALib") from None
     names = [f"x{k}" for k in range(len(low))]
     problem = {"num_vars": len(low), "names": names, "bounds": np.stack([low, high], axis=1).tolist()}
-    asked = sampling.sample(problem, draws, calc_second_order=False, seed=seed)
-    y = np.array([answers(theta) for theta in asked])
+    points = sampling.sample(problem, draws, calc_second_order=False, seed=seed)
+    y = np.array([answers(theta) for theta in points])
     rows = np.zeros((4, y.shape[1], len(low)))
     for k, target in enumerate(y.T):
         if np.ptp(target) > STILL * np.abs(target).max():
-            found = analysis.analyze(problem, target, calc_second_order=False, seed=seed)
-            rows[:, k] = [found[key] for key in ("S1", "ST", "S1_conf", "ST_conf")]
+            indices = analysis.analyze(problem, target, calc_second_order=False, seed=seed)
+            rows[:, k] = [indices[key] for key in ("S1", "ST", "S1_conf", "ST_conf")]
     return SobolIndices(*rows)

@@ -1,4 +1,4 @@
-"""What is dear to make is made once: arrays by keys, and the keys' share that tells the version of the code.
+"""A cache of arrays that are expensive to make, by keys, and the part of a key that tells the code's version.
 
 A key is a digest of everything that an array depends on. `code_digest` stands for the programs that make it.
 """
@@ -49,8 +49,12 @@ def sources_digest(root: Path) -> str:
 
 
 def rounded_up(pressure: float) -> float:
-    """A pressure of two digits with a little room above the given one, in the same unit: logs of one nominal
-    pressure ask for the same solves."""
+    """A pressure of two digits, at least 0.5 % above the argument: logs of one nominal pressure ask for equal
+    solves.
+
+    >>> rounded_up(0.0301), rounded_up(0.0302)
+    (0.031, 0.031)
+    """
     if pressure <= 0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(ROOM * pressure)) - 1)

@@ -64,7 +64,7 @@ class Discretisation:
 
     @staticmethod
     def none(why: str) -> "Discretisation":
-        """What stands for the finer meshes of a mesh that cannot be refined: it corrects nothing."""
+        """The error of a mesh that cannot be refined: unknown, so it corrects nothing."""
         nothing = np.zeros((0, 1, 2, 0, 3))
         return Discretisation((), 1.0, np.zeros(2), np.zeros((1, 3)), nothing, nothing, unknown=why)
 
@@ -79,7 +79,7 @@ class Discretisation:
         return out
 
     def modes(self, u: Array, test: Test) -> Array:
-        """What remains of the mesh's error at displacements u (s, p, 3) mm: modes (q, s, p, 3) mm, 1 sd each,
+        """Modes (q, s, p, 3) mm, 1 sd each, of the mesh's error that remains at displacements u (s, p, 3) mm,
         not yet relative to the reference."""
         out = np.zeros((len(self.mode_names), *u.shape))
         if not self.unknown:
@@ -99,26 +99,26 @@ class Discretisation:
     @cached_property
     def _curves(self) -> tuple[Curves, Curves, Curves]:
         """The base mesh, the correction and the modes over pressure."""
-        own = (self.base[None], self.changes[-1:], self._shown.modes)
-        first, second, third = (Curves.through(self.grid, np.moveaxis(x, 2, 0)) for x in own)
-        return first, second, third
+        fields = (self.base[None], self.changes[-1:], self._shown.modes)
+        base, correction, modes = (Curves.through(self.grid, np.moveaxis(x, 2, 0)) for x in fields)
+        return base, correction, modes
 
     def _along(self, u: Array, test: Test, curves: Curves) -> Array:
         """Values (n, s, m, 3) mm of curves at displacements u (s, p, 3) mm of a test's points."""
-        way = self._way(test)
-        return np.moveaxis(curves.at(self._pressure(u, test, way), way)[0], 1, 0)
+        rows = self._way(test)
+        return np.moveaxis(curves.at(self._pressure(u, test, rows), rows)[0], 1, 0)
 
-    def _pressure(self, u: Array, test: Test, way: Integers) -> Array:
+    def _pressure(self, u: Array, test: Test, rows: Integers) -> Array:
         """Pressures (s,) MPa at which the base mesh is nearest to displacements u (s, p, 3) mm.
 
         Without effects that is pressure / scale times their own scale. What creeps or is stiffer
         elsewhere is as far bent at another pressure, and its mesh errs as much as it is bent.
         """
         base, seen = self._curves[0], u[:, None, test.moving]
-        own = self.law.of(self.law.read(_silicone(test.case)))
-        q = test.path.at_output() * self.scale / own.scale
+        constants = self.law.of(self.law.read(_silicone(test.case)))
+        q = test.path.at_output() * self.scale / constants.scale
         for _ in range(TURNS):
-            value, slope = base.at(q, way)
+            value, slope = base.at(q, rows)
             ahead, square = (slope * (seen - value)).sum(axis=(1, 2, 3)), (slope**2).sum(axis=(1, 2, 3))
             step = ahead / np.maximum(square, 1e-12)
             q = q + step
@@ -127,7 +127,7 @@ class Discretisation:
         return q
 
     def _way(self, test: Test) -> Integers:
-        """The gravity and hung forces (s,), a row of `gravities`, that are nearest to those of each step."""
+        """The rows (s,) of `gravities` nearest to gravity and hung forces of each step."""
         g = test.path.outside_at(test.path.output)
         return np.linalg.norm(g[:, None] - self.gravities, axis=2).argmin(axis=1)
 
@@ -162,7 +162,7 @@ class Discretisation:
 
 @dataclass(frozen=True)
 class SolvedAt:
-    """Where finer meshes are solved: the silicone's constants, and up to which pressure `top` in MPa."""
+    """The constants and the highest pressure `top` in MPa at which finer meshes are solved."""
 
     constants: Constants
     top: float
@@ -186,8 +186,9 @@ def discretisation_error(
     if structure.unknown:
         return Discretisation.none(structure.unknown)
     gravities, _ = ways(test.case, test.path)
-    made = _responses(test, structure, solved_at, gravities, cache)
-    found = {name: np.array([made[name, k] for k in range(len(gravities))]) for name in _meshes(structure)}
+    responses = _responses(test, structure, solved_at, gravities, cache)
+    rows = range(len(gravities))
+    by_mesh = {name: np.array([responses[name, k] for k in rows]) for name in _meshes(structure)}
     names = tuple(structure.finer)
     mesh = Discretisation(
         names=names,
@@ -195,8 +196,8 @@ def discretisation_error(
         law=solved_at.constants.law,
         grid=np.linspace(0.0, solved_at.top, SAMPLES),
         gravities=gravities,
-        base=found["base"],
-        changes=np.array([found[name] - found["base"] for name in names]),
+        base=by_mesh["base"],
+        changes=np.array([by_mesh[name] - by_mesh["base"] for name in names]),
         tested=_tested(float(test.path.pressure.max()), solved_at.top),
     )
     if mesh.apart > COARSE:
@@ -238,29 +239,29 @@ def _silicone(case: Case) -> Material:
 
 
 def _responses(
-    test: Test, structure: Structure, at: SolvedAt, gravities: Array, cache: ArrayCache
+    test: Test, structure: Structure, solved_at: SolvedAt, gravities: Array, cache: ArrayCache
 ) -> dict[tuple[str, int], Array]:
     """The response (k, p, 3) mm of the moving points on each mesh, by its name and the way of gravity."""
     meshes, points = _meshes(structure), test.points[test.moving]
-    key, grid = meshes_key(test, structure), np.linspace(0.0, at.top, SAMPLES)
+    key, grid = meshes_key(test, structure), np.linspace(0.0, solved_at.top, SAMPLES)
     forces = {name: tuple(map(float, f)) for name, f in test.case.forces.items()}
     table = table_of(structure)
-    if table and not forces and not gravities.any() and table.serves(at.constants, at.top):
-        known = partial(table.response, constants=at.constants, pressure=grid, points=points)
-        return {(name, 0): known(mesh) for name, mesh in meshes.items()}
+    if table and not forces and not gravities.any() and table.serves(solved_at.constants, solved_at.top):
+        tabulated = partial(table.response, constants=solved_at.constants, pressure=grid, points=points)
+        return {(name, 0): tabulated(mesh) for name, mesh in meshes.items()}
     paths = [Path(grid, grid, grid, **test.path.under(g)) for g in gravities]
     keys = {
-        (name, way): digest("discretisation", key, mesh.key, repr(at), way)
+        (name, row): digest("discretisation", key, mesh.key, repr(solved_at), row)
         for name, mesh in meshes.items()
-        for way in range(len(gravities))
+        for row in range(len(gravities))
     }
     tasks = {
-        keys[name, way]: partial(_response, mesh, at.constants, forces, path, points)
+        keys[name, row]: partial(_response, mesh, solved_at.constants, forces, path, points)
         for name, mesh in reversed(meshes.items())  # the largest first
-        for way, path in enumerate(paths)
+        for row, path in enumerate(paths)
     }
-    made = cache("error of the mesh", tasks)
-    return {place: made[key] for place, key in keys.items()}
+    arrays = cache("error of the mesh", tasks)
+    return {place: arrays[key] for place, key in keys.items()}
 
 
 def _response(
@@ -291,22 +292,22 @@ LARGEST = 10_000  # nodes of a mesh of linear tetrahedra of which the quadratic 
 
 
 def stiffness_doubt(case: Case) -> str:
-    """A sentence on how much less a mesh of 4-node tetrahedra moves than the same one with 10-node ones, ""
-    for other elements."""
+    """A sentence on the stiffness of a mesh of 4-node tetrahedra beside 10-node ones; "" for other
+    elements."""
     if len(case.element.local) != 4:
         return ""
-    told = f"Its linear tetrahedra ({case.element.name}) are too stiff for rubber"
+    sentence = f"Its linear tetrahedra ({case.element.name}) are too stiff for rubber"
     if len(case.nodes) > LARGEST:
-        return f"{told}. Mesh it with C3D10H."
+        return f"{sentence}. Mesh it with C3D10H."
     pressure = SMALL * min(m.shear for m in case.materials.values())
     moved = [
-        float(np.abs(found.u[: len(case.nodes)]).max()) if found.converged else np.nan
-        for found in (Embedded().solve(c, pressure) for c in (case, enriched(case)))
+        float(np.abs(solution.u[: len(case.nodes)]).max()) if solution.converged else np.nan
+        for solution in (Embedded().solve(c, pressure) for c in (case, enriched(case)))
     ]
     share = 1 - moved[0] / moved[1]
     if not np.isfinite(share):
-        return f"{told}. Mesh it with C3D10H."
+        return f"{sentence}. Mesh it with C3D10H."
     return (
-        f"{told}: at a small pressure they move {100 * share:.0f} % less than 10-node ones on the same mesh. "
-        "Mesh it with C3D10H."
+        f"{sentence}: at a small pressure they move {100 * share:.0f} % less than 10-node ones on the same "
+        "mesh. Mesh it with C3D10H."
     )

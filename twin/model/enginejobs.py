@@ -53,8 +53,8 @@ class Job:
 
 @dataclass(frozen=True)
 class Done:
-    """What a job gave: array (k, 1 + p, 3), in mm but for the first column, which has the pressures in MPa;
-    or None, and why, and whether it wrote displacements at all."""
+    """The result of a job: array (k, 1 + p, 3), in mm but for the first column, which has the pressures in
+    MPa; or None, and why, and whether it wrote displacements at all."""
 
     array: Array | None
     why: str = ""
@@ -84,18 +84,18 @@ class EngineJobs:
     _unused: dict[str, Done] = field(default_factory=dict, compare=False, repr=False)
 
     def ahead(self, cases: Sequence[Case], pressure: float, gravity: Array, *, at: Array) -> None:
-        """Do jobs together that `course` will be asked for with the same pressure, gravity and points; it
-        then gives what it would without."""
+        """Run jobs together that `course` will be asked for, of one pressure, gravity and points; its results
+        are unchanged by it."""
         if self.together is None:
             return
         jobs = {job.key: job for job in (self._job(case, pressure, gravity, at) for case in cases)}
-        left = [job for key, job in jobs.items() if key not in self._unused and not self._stored(key)]
-        tasks = [partial(done_elsewhere, self.engine, self.release, self.folder, job) for job in left]
-        for k, found in self.together(tasks):
-            if found.array is None:
-                self._unused[left[k].key] = found  # told when it is asked for
+        open_jobs = [job for key, job in jobs.items() if key not in self._unused and not self._stored(key)]
+        tasks = [partial(done_elsewhere, self.engine, self.release, self.folder, job) for job in open_jobs]
+        for k, result in self.together(tasks):
+            if result.array is None:
+                self._unused[open_jobs[k].key] = result  # told when it is asked for
             else:
-                self.cache(JOBS, {left[k].key: partial(np.array, found.array)})
+                self.cache(JOBS, {open_jobs[k].key: partial(np.array, result.array)})
 
     def course(self, case: Case, pressure: float, gravity: Array, *, at: Array | None = None) -> Course:
         """Pressures (k,) MPa and displacements (k, n, 3) mm of all nodes while the pressure grows to one in
@@ -105,18 +105,18 @@ class EngineJobs:
         FRUITLESS jobs in a row give nothing.
         """
         job = self._job(case, pressure, gravity, at)
-        whole = self._courses.get(job.name)
-        if whole is None:
-            made = self.cache(JOBS, {job.key: partial(self._made, job)})[job.key]
-            whole = made[:, 0, 0], made[:, 1:]
-            if whole[0][-1] < pressure * (1 - REACHED):  # stored for a lower pressure
-                raise Unsolvable(f"{self.engine.name} stopped at {whole[0][-1]:.4g} of {pressure:.4g} MPa")
+        course = self._courses.get(job.name)
+        if course is None:
+            array = self.cache(JOBS, {job.key: partial(self._made, job)})[job.key]
+            course = array[:, 0, 0], array[:, 1:]
+            if course[0][-1] < pressure * (1 - REACHED):  # stored for a lower pressure
+                raise Unsolvable(f"{self.engine.name} stopped at {course[0][-1]:.4g} of {pressure:.4g} MPa")
             if at is not None:
-                return whole
-            self._courses[job.name] = whole
+                return course
+            self._courses[job.name] = course
             for old in list(self._courses)[:-KEPT]:
                 del self._courses[old]
-        return whole if at is None else (whole[0], _at(interpolation(case, at), whole[1]))
+        return course if at is None else (course[0], _at(interpolation(case, at), course[1]))
 
     def _job(self, case: Case, pressure: float, gravity: Array, at: Array | None) -> Job:
         top = rounded_up(max(pressure, 1e-6))
@@ -134,13 +134,13 @@ class EngineJobs:
         return True
 
     def _made(self, job: Job) -> Array:
-        """What a job gives. Raises Unsolvable."""
-        found = self._unused.pop(job.key, None) or done(self.engine, self.folder, job)
-        if found.array is None:
-            self._fail(found.why, wrote=found.wrote)
-        assert found.array is not None
+        """The array of a job. Raises Unsolvable."""
+        result = self._unused.pop(job.key, None) or done(self.engine, self.folder, job)
+        if result.array is None:
+            self._fail(result.why, wrote=result.wrote)
+        assert result.array is not None
         self._fruitless.clear()
-        return found.array
+        return result.array
 
     def _fail(self, why: str, *, wrote: bool) -> None:
         """Raise Unsolvable, or ValueError where the program seems to be at fault."""
@@ -163,24 +163,24 @@ def done_elsewhere(engine: Program, release: str, folder: Path, job: Job) -> Don
 
 
 def done(engine: Program, folder: Path, job: Job) -> Done:
-    """What a program gives for a job, which runs in a folder of its own below `folder`."""
-    own, found = _run(engine, folder, job)
-    why, course = found.reason, None
-    if len(found.share):
+    """The result of a job that a program runs in a folder of its own below `folder`."""
+    job_folder, result = _run(engine, folder, job)
+    why, course = result.reason, None
+    if len(result.share):
         try:
-            course = over_pressure(found, job.case, engine.kind, top=job.top)
+            course = over_pressure(result, job.case, engine.kind, top=job.top)
         except ValueError as error:
             why = str(error)
     wrote = course is not None and len(course[0]) >= LEAST
     if course is None or not wrote or course[0][-1] < job.wanted * (1 - REACHED):
-        return Done(None, f"{engine.name}: {why}; its files are in {own}", wrote)
-    shutil.rmtree(own, ignore_errors=True)
+        return Done(None, f"{engine.name}: {why}; its files are in {job_folder}", wrote)
+    shutil.rmtree(job_folder, ignore_errors=True)
     pressure, u = course
     if job.at is not None:
         u = _at(interpolation(job.case, job.at), u)
-    first = np.zeros((len(pressure), 1, 3))
-    first[:, 0, 0] = pressure
-    return Done(np.concatenate([first, u], axis=1), wrote=True)
+    column = np.zeros((len(pressure), 1, 3))
+    column[:, 0, 0] = pressure
+    return Done(np.concatenate([column, u], axis=1), wrote=True)
 
 
 def _run(engine: Program, folder: Path, job: Job) -> tuple[Path, EngineResult]:
@@ -188,14 +188,14 @@ def _run(engine: Program, folder: Path, job: Job) -> tuple[Path, EngineResult]:
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob(f"{job.name}-*"):
         shutil.rmtree(old, ignore_errors=True)
-    own, start = Path(tempfile.mkdtemp(prefix=f"{job.name}-", dir=folder)), time.perf_counter()
+    job_folder, start = Path(tempfile.mkdtemp(prefix=f"{job.name}-", dir=folder)), time.perf_counter()
     try:
-        found = engine.run(job.text, folder=own)
+        result = engine.run(job.text, folder=job_folder)
     except BaseException:
-        shutil.rmtree(own, ignore_errors=True)
+        shutil.rmtree(job_folder, ignore_errors=True)
         raise
     effort.add(JOBS, 1, time.perf_counter() - start)
-    return own, found
+    return job_folder, result
 
 
 def _at(operator: csr_matrix, u: Array) -> Array:

@@ -33,16 +33,16 @@ class EngineModel(Model):
     @staticmethod
     def of(model: Model, jobs: EngineJobs) -> "EngineModel":
         """A base model by the jobs of a program. ValueError where the program cannot solve it."""
-        found = EngineModel(model.test, model.effects, model.reference, rests=model.rests, jobs=jobs)
-        check_engine(found)
-        return found
+        engine_model = EngineModel(model.test, model.effects, model.reference, rests=model.rests, jobs=jobs)
+        check_engine(engine_model)
+        return engine_model
 
     def with_effect(self, effect: Effect) -> "EngineModel":
         """The model with one more effect. ValueError where the program cannot solve it."""
-        found = super().with_effect(effect)
-        assert isinstance(found, EngineModel)
-        check_engine(found)
-        return found
+        model = super().with_effect(effect)
+        assert isinstance(model, EngineModel)
+        check_engine(model)
+        return model
 
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
         """The solve at theta (d,), with derivatives where they are asked for. Raises Unsolvable where a job
@@ -69,7 +69,7 @@ class EngineModel(Model):
         return along(test.case, test.path, courses, number)
 
     def _text(self, test: Test) -> str:
-        """What the program sees of a test's case and of the directions of gravity."""
+        """The deck of a test's case with the directions of gravity: all that the program sees."""
         gravities, _ = ways(test.case, test.path)
         return f"{self.jobs.engine.deck(test.case, 1e-3, levels=1)}{gravities.tolist()}"
 
@@ -77,14 +77,15 @@ class EngineModel(Model):
         """The derivative (s, p, 3) of what is seen by parameter k: a difference to the side that has room and
         can be solved."""
         p, why = self.parameters[k], ""
-        one = PLAIN_STEP * p.step * (1 if theta[k] + PLAIN_STEP * p.step <= p.high else -1)
-        changed = self.put(self.named(theta + one * np.eye(len(theta))[k]))
+        nudge = PLAIN_STEP * p.step * (1 if theta[k] + PLAIN_STEP * p.step <= p.high else -1)
+        changed = self.put(self.named(theta + nudge * np.eye(len(theta))[k]))
         step = p.step * (PLAIN_STEP if self._text(changed) == self._text(test) else JOB_STEP)
         for h in (step, -step) if theta[k] + step <= p.high else (-step, step):
             beside = theta + h * np.eye(len(theta))[k]
             try:
-                own = self.put(self.named(beside))
-                there = self.seen(moved(own, self._solution(own)), own, self.named(beside))
+                values = self.named(beside)
+                test = self.put(values)
+                there = self.seen(moved(test, self._solution(test)), test, values)
             except Unsolvable as error:
                 why = str(error)
                 continue
@@ -138,7 +139,7 @@ class EnginePaths:
 
 
 def no_derivatives(name: str) -> str:
-    """Why a stage that asks for derivatives has none."""
+    """The message of a stage that asks for derivatives and has none."""
     return (
         f"{name} gives no derivatives by effects that the model has not; set engine = \"embedded\" under "
         "[model] of twin.toml and run twin calibrate again"
@@ -148,15 +149,17 @@ def no_derivatives(name: str) -> str:
 def check_engine(model: EngineModel) -> None:
     """ValueError for an effect that the model's program cannot solve, which it names with the way out."""
     engine = model.jobs.engine
-    way = 'set engine = "embedded" under [model] of twin.toml'
+    remedy = 'set engine = "embedded" under [model] of twin.toml'
     values = {p.name: _tried(p) for p in model.parameters}
     test = model._whole[0]
     if why := _refused(test, model.jobs):
-        raise ValueError(f"{engine.name} cannot solve this finger: {why}; {way}")
+        raise ValueError(f"{engine.name} cannot solve this finger: {why}; {remedy}")
     for e in model.effects:
         test = e.before(test, {**values, **e.tries(test)[0]})
         if why := _refused(test, model.jobs):
-            raise ValueError(f"effect {e.label!r}: {engine.name} cannot solve it: {why}; {way}, or drop it")
+            raise ValueError(
+                f"effect {e.label!r}: {engine.name} cannot solve it: {why}; {remedy}, or drop it"
+            )
 
 
 def _tried(p: Parameter) -> float:
@@ -167,7 +170,7 @@ def _tried(p: Parameter) -> float:
 
 
 def _refused(test: Test, jobs: EngineJobs) -> str:
-    """Why a program cannot solve a test, "" where it can."""
+    """The reason for which a program cannot solve a test; "" where it can."""
     if why := jobs.engine.unfit(test.case):
         return why
     if test.perturbations:

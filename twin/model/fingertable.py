@@ -43,8 +43,8 @@ class FieldSums:
     def of(nodes: Integers, u: Array, within: float) -> "FieldSums":
         """Fields u (.., m, 3) mm as sums of as few as leave at most `within` mm of any value."""
         flat = u.reshape(-1, u.shape[-2] * 3)
-        left, size, right = np.linalg.svd(flat, full_matrices=False)
-        weights, count = left * size, 1
+        vectors, size, right = np.linalg.svd(flat, full_matrices=False)
+        weights, count = vectors * size, 1
         while np.abs(weights[:, :count] @ right[:count] - flat).max() > within:
             count += 1
         basis = right[:count].astype(np.float32).reshape(count, -1, 3)
@@ -58,7 +58,7 @@ class FieldSums:
 
 @dataclass(frozen=True)
 class KnownFinger:
-    """What was solved of a structure.
+    """The solutions of a structure that come with the package.
 
     paths: its own mesh at shares (h,) and reduced (k,) pressures p / scale, followed to reached (h,);
     meshes: every mesh at the nominal share and the pressures `fine` (k,), by its key.
@@ -78,9 +78,9 @@ class KnownFinger:
         return LoadPaths((self.shares,), ends, self.reduced, self.paths.at(case, points), self.reached)
 
     def serves(self, constants: Constants, top: float) -> bool:
-        """Whether it has the finer meshes at these constants up to a pressure in MPa."""
-        known = constants.law == MOONEY_RIVLIN and constants.shape == NOMINAL.shape
-        return known and top / constants.scale <= self.fine[-1]
+        """True if it has the finer meshes at these constants up to a pressure in MPa."""
+        nominal = constants.law == MOONEY_RIVLIN and constants.shape == NOMINAL.shape
+        return nominal and top / constants.scale <= self.fine[-1]
 
     def response(self, mesh: Mesh, *, constants: Constants, pressure: Array, points: Array) -> Array:
         """Displacements (k, p, 3) mm of points (p, 3) mm on a mesh, at pressures (k,) MPa."""
@@ -88,7 +88,7 @@ class KnownFinger:
         return np.asarray(curve(pressure / constants.scale))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """What a file holds of it."""
+        """The arrays of its file."""
         fields = {PATHS: self.paths, **self.meshes}
         return {
             "key": np.array(self.key), "shares": self.shares, "reduced": self.reduced,
@@ -100,13 +100,13 @@ class KnownFinger:
     def read(arrays: Mapping[str, NDArray[Any]]) -> "KnownFinger":
         """The table in the arrays of a file."""
         names = [name.removesuffix(".basis") for name in arrays if name.endswith(".basis")]
-        found = {n: FieldSums(*(arrays[f"{n}.{part}"] for part in PARTS)) for n in names}
-        own = {name: arrays[name] for name in ("shares", "reduced", "reached", "fine")}
-        return KnownFinger(key=str(arrays["key"]), paths=found.pop(PATHS), meshes=found, **own)
+        fields = {n: FieldSums(*(arrays[f"{n}.{part}"] for part in PARTS)) for n in names}
+        axes = {name: arrays[name] for name in ("shares", "reduced", "reached", "fine")}
+        return KnownFinger(key=str(arrays["key"]), paths=fields.pop(PATHS), meshes=fields, **axes)
 
 
 def table_of(structure: Structure) -> KnownFinger | None:
-    """The table of a structure, if it is one of those that come with the package."""
+    """The table of a structure, where the package brings it; else None."""
     return _shipped(structure.key)
 
 

@@ -19,31 +19,31 @@ Known = dict[tuple[int, bytes], Array]
 
 
 def slipped(
-    test: Test, at: Callable[[Array], Array], *, rigid: bool = True, known: Known | None = None
+    test: Test, displacements: Callable[[Array], Array], *, rigid: bool = True, slopes: Known | None = None
 ) -> Array:
-    """What a test's slips add (.., s, p, 3) mm to displacements `at` of undeformed points (k, 3) mm, which
-    are (.., s, k, 3).
+    """Displacements (.., s, p, 3) mm that a test's slips add; `displacements` (.., s, k, 3) mm gives the
+    motion of undeformed points (k, 3) mm.
 
     A tag that sits s further along e is seen s (e + du/de) further. rigid: False leaves out e itself, as
-    derivatives of the displacements want it. known: slopes du/de that were asked for before, by row and axis.
+    derivatives of the displacements want it. slopes: du/de by row and axis, kept between calls.
     """
-    known = {} if known is None else known
+    slopes = {} if slopes is None else slopes
     out = np.zeros((len(test.path.output), len(test.points), 3))
     for slip in test.slips:
         key = slip.row, slip.axis.tobytes()
-        if key not in known:
-            known[key] = _slope(test, slip, at)
-        added = slip.size * _after(slip, test) * (known[key] + rigid * slip.axis)
+        if key not in slopes:
+            slopes[key] = _slope(test, slip, displacements)
+        added = slip.size * _after(slip, test) * (slopes[key] + rigid * slip.axis)
         if added.ndim > 2 and out.ndim == 3:  # derivatives to several parameters
             out = np.zeros((len(added), *out.shape))
         out[..., slip.row, :] += added
     return out
 
 
-def _slope(test: Test, slip: Slip, at: Callable[[Array], Array]) -> Array:
-    """How displacements change (.., s, 3) along a slip's axis, per mm."""
+def _slope(test: Test, slip: Slip, displacements: Callable[[Array], Array]) -> Array:
+    """Derivative (.., s, 3) of the displacements along a slip's axis, per mm."""
     pair = beside(test.case, test.points[slip.row], slip.axis)
-    u = at(pair)
+    u = displacements(pair)
     along = float((pair[1] - pair[0]) @ slip.axis) or 1.0
     return np.asarray((u[..., 1, :] - u[..., 0, :]) / along, float)
 
@@ -87,10 +87,10 @@ def directions(test: Test) -> list[Paced]:
 def perturbed(test: Test, solution: Solution, points: Array) -> Array:
     """Displacements (s, k, 3) mm of undeformed points (k, 3) mm with a test's perturbations, whose
     `directions` are the last that were solved."""
-    u, own = solution.at(points), directions(test)
-    if not own:
+    u, paths = solution.at(points), directions(test)
+    if not paths:
         return u
-    return np.asarray(u + paced(solution.variations_at(points)[-len(own) :], own).sum(axis=0), float)
+    return np.asarray(u + paced(solution.variations_at(points)[-len(paths) :], paths).sum(axis=0), float)
 
 
 def paced(rows: Array, variations: Sequence[Variation]) -> Array:

@@ -24,7 +24,7 @@ KEPT = 6  # solves of a model
 
 @dataclass(frozen=True)
 class KeptModel(Model):
-    """A model with its last solves, and one object for each model made of it by adding an effect."""
+    """A model with its last solves, and with an object for each model made from it by adding an effect."""
 
     _solves: list[Solved] = field(default_factory=list, init=False, compare=False, repr=False)
     _kin: dict[str, "KeptModel"] = field(default_factory=dict, init=False, compare=False, repr=False)
@@ -36,32 +36,32 @@ class KeptModel(Model):
 
     def on_mesh(self, mesh: Discretisation | None) -> Self:
         """The model whose predictions carry the error of its mesh, with the solves that were kept."""
-        found = super().on_mesh(mesh)
-        found._solves.extend(map(found._seen_again, self._solves))
-        return found
+        model = super().on_mesh(mesh)
+        model._solves.extend(map(model._seen_again, self._solves))
+        return model
 
     def with_effect(self, effect: Effect) -> "KeptModel":
         """The model with one more effect, with the solves that it has kept."""
         if effect.label not in self._kin:
-            found = super().with_effect(effect)
-            assert isinstance(found, KeptModel)
-            self._kin[effect.label] = found
+            model = super().with_effect(effect)
+            assert isinstance(model, KeptModel)
+            self._kin[effect.label] = model
         return self._kin[effect.label]
 
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
-        """The solve at theta (d,), as it was kept, or made now and kept; always with derivatives: who fits or
-        compares asks for them next, and alone they cost as much as the solve."""
+        """The solve at theta (d,), kept or made now; always with derivatives: who fits or compares asks for
+        them next, and alone they cost as much as the solve."""
         del derivatives
-        known = next((s for s in self._solves if np.array_equal(s.theta, theta)), None)
-        if known is not None:
-            return known
-        made = super().solved(theta, derivatives=True)
-        self._solves.append(made)
+        earlier = next((s for s in self._solves if np.array_equal(s.theta, theta)), None)
+        if earlier is not None:
+            return earlier
+        solve = super().solved(theta, derivatives=True)
+        self._solves.append(solve)
         del self._solves[:-KEPT]
-        return made
+        return solve
 
     def _start(self, theta: Array) -> Solution | None:
-        """The nearest solution, ahead to first order; for a model's first solve that of its parent."""
+        """The nearest solution, ahead to first order; for a model's first solve its parent's."""
         model: Model = self
         near = self._nearest(theta)
         if near is None and isinstance(self.parent, KeptModel) and self._is_as(self.parent):

@@ -82,23 +82,23 @@ class LoadPaths:
         return np.asarray(CubicSpline(self.reduced, blended, axis=0)(q))
 
 
-def reach(case: Case, law: RubberLaw, wanted: float, *, cache: ArrayCache, key: str) -> float:
+def reach(case: Case, law: RubberLaw, most: float, *, cache: ArrayCache, key: str) -> float:
     """The reduced pressure p / scale to which a case of a fingerprint `key` can be followed with a law, at
     most `wanted`."""
-    own = digest("reach", code_digest(), key, law.name, wanted)
-    return float(cache("reach of the load paths", {own: partial(_reach, case, law, wanted)})[own][0])
+    task_key = digest("reach", code_digest(), key, law.name, most)
+    return float(cache("reach of the load paths", {task_key: partial(_reach, case, law, most)})[task_key][0])
 
 
-def _reach(case: Case, law: RubberLaw, wanted: float) -> Array:
+def _reach(case: Case, law: RubberLaw, most: float) -> Array:
     """One number (1,): doubled until there is no equilibrium, as nothing is known of the structure."""
-    case, top = case.with_material(**law.usual(SCALE).terms), min(FIRST, wanted)
+    case, top = case.with_material(**law.usual(SCALE).terms), min(FIRST, most)
     while True:
         pressure = np.array([0.0, top * SCALE])
         with effort.counted(effort.PATHS):
             reached = solve(case, Path(pressure, pressure, pressure), count=8).reached / SCALE
-        if reached < top * (1 - 1e-9) or top >= wanted:
-            return np.array([min(1.2 * reached, wanted)])  # other shapes may go a little further
-        top = min(2 * top, wanted)
+        if reached < top * (1 - 1e-9) or top >= most:
+            return np.array([min(1.2 * reached, most)])  # other shapes may go a little further
+        top = min(2 * top, most)
 
 
 @dataclass(frozen=True)
@@ -112,13 +112,14 @@ class Sheets:
     def predict(self, constants: Constants, pressure: Array) -> Array | None:
         """As `LoadPaths.predict`, by a polynomial in the logarithm of the scale."""
         scale, shape = constants.scale, constants.shape
-        found = [one.along(shape, pressure / scale) for one in self.paths]
+        fields = [paths.along(shape, pressure / scale) for paths in self.paths]
         beside = int(np.clip(np.searchsorted(self.scales, scale), 1, len(self.scales) - 1))
-        if found[beside - 1] is None or found[beside] is None:
+        if fields[beside - 1] is None or fields[beside] is None:
             return None
-        known = [k for k, u in enumerate(found) if u is not None]
-        weights = _blend(np.log(self.scales[known]), np.log(scale))
-        return np.asarray(sum(w * u for w, u in zip(weights, (found[k] for k in known), strict=True)), float)
+        reached = [k for k, u in enumerate(fields) if u is not None]
+        weights = _blend(np.log(self.scales[reached]), np.log(scale))
+        rows = (fields[k] for k in reached)
+        return np.asarray(sum(w * u for w, u in zip(weights, rows, strict=True)), float)
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ class Turned:
     def predict(
         self, constants: Constants, pressure: Array, *, steps: Integers | None = None
     ) -> Array | None:
-        """As `LoadPaths.predict`, the pressures (k,) MPa being those of the steps (k,), by default all."""
+        """As `LoadPaths.predict`, at pressures (k,) MPa of the steps (k,), by default all."""
         number, out = self.of_step if steps is None else self.of_step[steps], []
         for k in np.unique(number):
             u = self.ways[k].predict(constants, pressure[number == k])
@@ -156,10 +157,10 @@ def sheets(
 ) -> Sheets:
     """The load paths of a case between two scales in MPa; see `load_paths`."""
     x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SCALES) + 0.5) / SCALES)
-    at = scales[0] * (scales[1] / scales[0]) ** x
+    at_scales = scales[0] * (scales[1] / scales[0]) ** x
     how: dict[str, Any] = {"cache": cache, "key": key, "top": top, "wide": wide, "held": held}
-    every = [load_paths(case, points, law, scale=float(s), outside=outside, **how) for s in at]
-    return Sheets(at, tuple(every))
+    every = [load_paths(case, points, law, scale=float(s), outside=outside, **how) for s in at_scales]
+    return Sheets(at_scales, tuple(every))
 
 
 def load_paths(
@@ -196,18 +197,18 @@ def load_paths(
         k: partial(along_path, case, c, scale, reduced, points, outside)
         for k, c in zip(keys, every, strict=True)
     }
-    made = cache("load paths", tasks)
-    u = np.array([made[k] for k in keys])
+    arrays = cache("load paths", tasks)
+    u = np.array([arrays[k] for k in keys])
     reached = np.array([reduced[np.isfinite(row[:, 0, 0])].max(initial=0.0) for row in u])
     return LoadPaths(nodes, ends, reduced, _extended(u), np.minimum(reached, reduced[-1]))
 
 
 def along_path(
-    case: Case, own: Constants, scale: float, reduced: Array, points: Array, outside: Outside
+    case: Case, constants: Constants, scale: float, reduced: Array, points: Array, outside: Outside
 ) -> Array:
     """Displacements (k, p, 3) mm along the path of constants of a scale, at reduced pressures (k,); NaN
     beyond its end."""
-    pressure, case = reduced * scale, case.with_material(**own.terms)
+    pressure, case = reduced * scale, case.with_material(**constants.terms)
     path = Path(pressure, pressure, pressure, **outside)
     with effort.counted(effort.PATHS):
         solution = solve(under(case, path), path, count=LEVELS)

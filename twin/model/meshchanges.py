@@ -1,4 +1,4 @@
-"""What finer meshes change, taken apart: a change of stiffness, the rest of every change, and what is left.
+"""The changes by finer meshes, decomposed: change of stiffness, change of shape, and the remainder.
 
 A finer mesh is mostly softer or stiffer as a whole, which the fitted constants take up; the rest of its
 change is another shape, which no constant takes up. What the finest mesh shows beside all others tells how
@@ -39,16 +39,16 @@ class MeshChanges:
 
     @cached_property
     def softer(self) -> Array:
-        """What a softer silicone adds (g, k, m, 3) mm, to first order, for a fall of the scale by itself: as
-        much as more pressure does, and a larger sag."""
+        """Displacements (g, k, m, 3) mm that a softer silicone adds, to first order, for a fall of the scale
+        by itself: as much as more pressure does, and a larger sag."""
         slope = CubicSpline(self.grid, self.base, axis=1)(self.grid, 1)
         return np.asarray(slope * self.grid[:, None, None] + self.base[:, :1], float)
 
     @cached_property
     def softness(self) -> Array:
         """The part (n,) of the scale by which each mesh is softer."""
-        own, rows = self._compared(self.softer), self._compared(self.changes)
-        return np.asarray((rows @ own.T).ravel() / max(float((own**2).sum()), 1e-12))
+        softer, rows = self._compared(self.softer), self._compared(self.changes)
+        return np.asarray((rows @ softer.T).ravel() / max(float((softer**2).sum()), 1e-12))
 
     @cached_property
     def shapes(self) -> Array:
@@ -57,13 +57,13 @@ class MeshChanges:
 
     @cached_property
     def left(self) -> float:
-        """The root mean square in mm of what the change to the finest mesh keeps beside all others and beside
-        a softness. A deck has its finest mesh twice: it does not count beside itself."""
+        """Root mean square in mm of the change to the finest mesh beside all other changes and a softness. A
+        deck has its finest mesh twice: it does not count beside itself."""
         others = [x for x in self.changes[:-1] if not np.array_equal(x, self.changes[-1])]
         rows = np.concatenate([self._compared(x) for x in (self.softer, *others)])
         check = self._compared(self.changes[-1])[0]
-        left = check - rows.T @ np.linalg.lstsq(rows.T, check, rcond=1e-10)[0]
-        return float(np.sqrt((left**2).mean()))
+        remainder = check - rows.T @ np.linalg.lstsq(rows.T, check, rcond=1e-10)[0]
+        return float(np.sqrt((remainder**2).mean()))
 
     @property
     def apart(self) -> float:
@@ -72,7 +72,7 @@ class MeshChanges:
 
     @property
     def modes(self) -> Array:
-        """What remains of the error of the finest mesh: modes (q, g, k, m, 3) mm, 1 sd each."""
+        """Modes (q, g, k, m, 3) mm, 1 sd each, of the error that remains on the finest mesh."""
         soft = STIFFNESS * self.apart * self.softer
         return np.concatenate([soft[None], SHAPE * self.shapes, self._smooth])
 
@@ -87,8 +87,8 @@ class MeshChanges:
         count, size = len(self.grid), self.base[0, 0].size
         x = self.left * np.power.outer(self.grid / self.grid[self.inside - 1], POWERS)  # (k, powers)
         each = np.einsum("kp,ab->apkb", x, np.eye(size))  # of the points' axes a
-        whole = each.reshape(-1, 1, count, *self.base.shape[2:])
-        return np.broadcast_to(whole, (len(whole), *self.base.shape))
+        fields = each.reshape(-1, 1, count, *self.base.shape[2:])
+        return np.broadcast_to(fields, (len(fields), *self.base.shape))
 
     def _compared(self, fields: Array) -> Array:
         """Fields (.., g, k, m, 3) as rows (n, v) of what is compared."""
@@ -107,12 +107,12 @@ class Curves:
         """The curves through values (k, n, g, ...) at pressures (k,) MPa."""
         return Curves(CubicSpline(grid, values, axis=0))
 
-    def at(self, q: Array, way: Integers) -> tuple[Array, Array]:
+    def at(self, q: Array, rows: Integers) -> tuple[Array, Array]:
         """Values and their derivatives per MPa (s, n, ...) at pressures (s,) MPa, under gravities (s,)."""
         x, c = self.spline.x, self.spline.c
         inside = np.clip(q, x[0], x[-1])
         k = np.clip(np.searchsorted(x, inside, side="right") - 1, 0, len(x) - 2)
-        third, second, first, value = np.moveaxis(c[:, k, :, way], 1, 0)
+        cubic, quadratic, linear, value = np.moveaxis(c[:, k, :, rows], 1, 0)
         h, beyond = (d.reshape(-1, *(1,) * (c.ndim - 3)) for d in (inside - x[k], q - inside))
-        slope = (3 * third * h + 2 * second) * h + first
-        return ((third * h + second) * h + first) * h + value + beyond * slope, slope
+        slope = (3 * cubic * h + 2 * quadratic) * h + linear
+        return ((cubic * h + quadratic) * h + linear) * h + value + beyond * slope, slope

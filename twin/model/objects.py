@@ -38,7 +38,12 @@ class RigidObject:
 
     @staticmethod
     def of(text: str) -> "RigidObject":
-        """The object that a text states. ValueError where it states none."""
+        """The object that a text states. ValueError where it states none.
+
+        >>> rigid = RigidObject.of("cylinder:d=40,x=70,z=-30,friction=0.4")
+        >>> rigid.friction, rigid.shape.radius
+        (0.4, 20.0)
+        """
         kind, _, rest = text.partition(":")
         if kind not in NEEDED:
             raise ValueError(
@@ -47,10 +52,10 @@ class RigidObject:
         words = dict(part.partition("=")[::2] for part in rest.split(",") if part)
         along = words.pop("along", "")
         values = {key: _number(text, key, word) for key, word in words.items()}
-        known = (*NEEDED[kind], *ALLOWED[kind], *OPTIONS)
+        keys = (*NEEDED[kind], *ALLOWED[kind], *OPTIONS)
         for key in values:
-            if key not in known:
-                raise ValueError(f"object {text!r}: a {kind} has no {key}; wanted {', '.join(known)}")
+            if key not in keys:
+                raise ValueError(f"object {text!r}: a {kind} has no {key}; wanted {', '.join(keys)}")
         for key in NEEDED[kind]:
             if key not in values:
                 raise ValueError(f"object {text!r}: no {key}; a {kind} needs {', '.join(NEEDED[kind])}")
@@ -60,8 +65,8 @@ class RigidObject:
         if not 0 <= (friction := values.get("friction", 0.0)) <= 2:
             raise ValueError(f"object {text!r}: friction={friction:g}, wanted a coefficient from 0 to 2")
         shape = _shape(text, kind, values)
-        way = _way(text, along, shape)
-        return RigidObject(text, shape, friction, values.get("spring"), way)
+        axis = _way(text, along, shape)
+        return RigidObject(text, shape, friction, values.get("spring"), axis)
 
     def beside(self, case: Case) -> Case:
         """The case with the object, of the whole finger where its halves meet the object differently.
@@ -89,7 +94,7 @@ class RigidObject:
         return replace(case, contact=touch)
 
     def _even(self, y: float) -> bool:
-        """Whether both halves of a finger that is symmetric about the plane y in mm meet it alike."""
+        """True if both halves of a finger that is symmetric about the plane y in mm meet it alike."""
         return self.shape.even(y) and (self.spring is None or self.way[1] == 0)
 
 
@@ -109,14 +114,14 @@ def _shape(text: str, kind: str, v: dict[str, float]) -> Obstacle:
         if not any(normal):
             raise ValueError(f"object {text!r}: a normal of no length; wanted its direction, such as nz=1")
         return Flat(normal, v["distance"])
-    given = [axis for axis in AXES if axis in v]
-    if kind == "cylinder" and len(given) != 2:
+    axes = [axis for axis in AXES if axis in v]
+    if kind == "cylinder" and len(axes) != 2:
         raise ValueError(
             f"object {text!r}: wanted two of x, y and z in mm: where its axis is, along the third"
         )
     place = (v.get("x", 0.0), v.get("y", 0.0), v.get("z", 0.0))
-    left = set(AXES) - set(given)
-    return Round(place, v["d"] / 2, _unit(left.pop()) if left else None)
+    free_axes = set(AXES) - set(axes)
+    return Round(place, v["d"] / 2, _unit(free_axes.pop()) if free_axes else None)
 
 
 def _way(text: str, along: str, shape: Obstacle) -> Way:

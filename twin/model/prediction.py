@@ -49,8 +49,8 @@ class Model:
     reference (r,): output steps whose mean is subtracted. rests (s,): number of the rest that each step is
     relative to, where films have their own; None: one for all. mesh: the error of the mesh, which corrects
     every prediction and its derivatives. parent: the model that this one came from by adding an effect. A
-    model has no state: every question is a solve of its own. `memo.KeptModel` keeps solves and gives the same
-    answers sooner.
+    model has no state: every question is a solve of its own. `keptmodel.KeptModel` keeps solves and gives the
+    same answers sooner.
     """
 
     test: Test
@@ -82,9 +82,9 @@ class Model:
         return {p.name: float(x) for p, x in zip(self.parameters, theta, strict=True)}
 
     def with_effect(self, effect: Effect) -> "Model":
-        """The model with one more effect; a wider or narrower law of the same physics is replaced."""
-        kept = tuple(e for e in self.effects if e.name != effect.name)
-        return replace(self, effects=(*kept, effect), parent=self)
+        """The model with one more effect, which replaces a wider or narrower law of its physics."""
+        others = tuple(e for e in self.effects if e.name != effect.name)
+        return replace(self, effects=(*others, effect), parent=self)
 
     def on_mesh(self, mesh: Discretisation | None) -> Self:
         """The model whose predictions carry the error of its mesh; None: as the mesh gives them."""
@@ -95,8 +95,8 @@ class Model:
         """The model relative to the rest of its first film alone, for a film that was not made yet."""
         if self.rests is None:
             return self
-        own = self.reference[self.rests[self.reference] == self.rests[self.reference[0]]]
-        return replace(self, reference=own, rests=None)
+        reference = self.reference[self.rests[self.reference] == self.rests[self.reference[0]]]
+        return replace(self, reference=reference, rests=None)
 
     @property
     def base(self) -> "Model":
@@ -105,7 +105,7 @@ class Model:
 
     @cached_property
     def _whole(self) -> tuple[Test, str]:
-        """The base test, of the whole structure where half of it is not enough, and why that is."""
+        """The base test, of the whole structure where a half is not enough, and the reason."""
         case, names = self.test.case, [e.name for e in self.effects if e.breaks_symmetry(self.test)]
         if pulls_across(self.test.path) and is_heavy(case):
             names.append("weight")
@@ -115,22 +115,22 @@ class Model:
             return self.test, "Whole model: the mesh has no plane of symmetry."
         if not names:
             return self.test, "Half model: load and shape are symmetric."
-        whole = replace(self.test, case=mirrored(case))
-        return whole, f"Whole model: {', '.join(names)} {'break' if names[1:] else 'breaks'} the symmetry."
+        test = replace(self.test, case=mirrored(case))
+        return test, f"Whole model: {', '.join(names)} {'break' if names[1:] else 'breaks'} the symmetry."
 
-    def over(self, other: "Model") -> "Model":
+    def over(self, model: "Model") -> "Model":
         """This model on the mesh of another that came from it: halves and wholes agree to 1e-7 mm only, as
         Newton's method leaves them, so that what an effect does is told on one mesh."""
-        return self if self._is_as(other) else replace(self, test=other._whole[0], parent=None)
+        return self if self._is_as(model) else replace(self, test=model._whole[0], parent=None)
 
     @property
     def extent(self) -> str:
         """A sentence: whether half of a symmetric mesh is solved or all of it, and why."""
         return self._whole[1]
 
-    def _is_as(self, other: "Model") -> bool:
-        """Whether both solve the same mesh."""
-        return len(self._whole[0].case.nodes) == len(other._whole[0].case.nodes)
+    def _is_as(self, model: "Model") -> bool:
+        """True if both solve meshes of equal size."""
+        return len(self._whole[0].case.nodes) == len(model._whole[0].case.nodes)
 
     def put(self, theta: Theta) -> Test:
         """The test with every effect's `before` applied. Raises Unsolvable where its rubber is not stable."""
@@ -143,7 +143,7 @@ class Model:
         return test
 
     def allowed(self, theta: Theta) -> bool:
-        """Whether a fit may go there: where its rubber is stable. Derivatives may go a little beyond."""
+        """True if a fit may go there: where its rubber is stable. Derivatives may go a little beyond."""
         try:
             return steadiness(self._put(theta).case) >= 0.0
         except Unsolvable:
@@ -179,9 +179,9 @@ class Model:
 
     def jacobian(self, theta: Array) -> Array:
         """Derivatives (d, s, p, 3) of `predict`, mm per unit of each parameter."""
-        found = self.solved(theta, derivatives=True).jacobian
-        assert found is not None
-        return found
+        jacobian = self.solved(theta, derivatives=True).jacobian
+        assert jacobian is not None
+        return jacobian
 
     def solution(self, theta: Array) -> Solution:
         """The finite-element solution at theta (d,)."""
@@ -202,8 +202,8 @@ class Model:
         return (ahead - behind) / (2 * little)
 
     def modes(self, theta: Array) -> Array:
-        """What remains of the mesh's error at theta (d,): modes (q, s, p, 3) mm relative to the reference, 1
-        sd each; none without `mesh`."""
+        """Modes (q, s, p, 3) mm, 1 sd each, of the mesh's error that remains at theta (d,), relative to the
+        reference; none without `mesh`."""
         return self._beside(theta, self.mesh_modes(theta))
 
     def mesh_modes(self, theta: Array) -> Array:
@@ -226,8 +226,8 @@ class Model:
         rows = {p.name: k for k, p in enumerate(self.parameters)}
         moduli = self.law.moduli if self.law else ()
         if self.mesh is not None and len(modes) and moduli and set(moduli) <= set(rows):
-            own = self.jacobian(theta)
-            modes[0] = -self.mesh.stiffness * sum(theta[rows[name]] * own[rows[name]] for name in moduli)
+            jacobian = self.jacobian(theta)
+            modes[0] = -self.mesh.stiffness * sum(theta[rows[name]] * jacobian[rows[name]] for name in moduli)
         return modes
 
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
@@ -269,12 +269,12 @@ class Model:
         ways, perturbs = ((a, plus), (b, minus), h), [e for e in self.effects if e.order == Order.COURSE]
         for k, e in enumerate(perturbs):
             if p in e.parameters:
-                one, other = a.perturbations[k], b.perturbations[k]
-                return Paced((one.plus, a.path), (other.plus, b.path), h, one.course), *ways
+                ahead, behind = a.perturbations[k], b.perturbations[k]
+                return Paced((ahead.plus, a.path), (behind.plus, b.path), h, ahead.course), *ways
         return Variation((a.case, a.path), (b.case, b.path), h), *ways
 
     def _through(self, u: Array, du: Array, change: "Direction") -> Array:
-        """The derivative of what is seen, from that of what moves: one difference along (du, theta)."""
+        """The derivative of the seen displacements, from the motion's: one difference along (du, theta)."""
         _, (a, plus), (b, minus), h = change
         return (self.seen(u + h * du, a, plus) - self.seen(u - h * du, b, minus)) / (2 * h)
 
@@ -294,14 +294,14 @@ class Model:
             for k, entry in enumerate(e.tries(self.test))
             for p in e.amplitudes
         ]
-        found = {row.key: self._whole_secant(theta, row, out.notes) for row in rows if not row.effect.smooth}
-        for same in (True, False):
-            some = [row for row in rows if row.effect.smooth and self._is_as(row.model) == same]
-            if some:
-                found |= self._secants(theta, some, out.notes)
+        by_key = {row.key: self._whole_secant(theta, row, out.notes) for row in rows if not row.effect.smooth}
+        for on_this_mesh in (True, False):
+            batch = [row for row in rows if row.effect.smooth and self._is_as(row.model) == on_this_mesh]
+            if batch:
+                by_key |= self._secants(theta, batch, out.notes)
         for e in effects:
             tried = range(len(e.tries(self.test)))
-            out[e.label] = [np.stack([found[e.label, k, p.name] for p in e.amplitudes]) for k in tried]
+            out[e.label] = [np.stack([by_key[e.label, k, p.name] for p in e.amplitudes]) for k in tried]
         return out
 
     def _whole_secant(self, theta: Array, row: "_Row", notes: dict[str, str]) -> Array:
@@ -316,25 +316,25 @@ class Model:
             u = base
         return (u - base) / row.parameter.step
 
-    def _secants(self, theta: Array, some: "Sequence[_Row]", notes: dict[str, str]) -> "dict[Key, Array]":
+    def _secants(self, theta: Array, batch: "Sequence[_Row]", notes: dict[str, str]) -> "dict[Key, Array]":
         """The rows of `tangents` of effects whose models solve one mesh."""
-        ways = {row.key: self._way(row, notes) for row in some}
-        own = self.over(some[0].model)  # of effects that break the symmetry, the whole
-        test = own.put(self.named(theta))
-        moving = [row.key for row in some if ways[row.key] is not None and row.moves]
+        by_key = {row.key: self._way(row, notes) for row in batch}
+        model = self.over(batch[0].model)  # of effects that break the symmetry, the whole
+        test = model.put(self.named(theta))
+        moving = [row.key for row in batch if by_key[row.key] is not None and row.moves]
         u, du, solution = respond(
             test,
-            [way[0] for key in moving if (way := ways[key])],
-            start=self._start(theta) if own is self else None,
+            [direction[0] for key in moving if (direction := by_key[key])],
+            start=self._start(theta) if model is self else None,
             columns=True,
         )
         along, out = dict(zip(moving, du, strict=True)), {}
-        known: Known = {}
-        for row in some:
-            way, still = ways[row.key], np.zeros_like(u)
-            if way is not None:
-                still = along.get(row.key, still) + _slid(test, solution, way, known)
-                still = row.model._through(u, still, way)
+        slopes: Known = {}
+        for row in batch:
+            direction, still = by_key[row.key], np.zeros_like(u)
+            if direction is not None:
+                still = along.get(row.key, still) + _slid(test, solution, direction, slopes)
+                still = row.model._through(u, still, direction)
             out[row.key] = still
         return out
 
@@ -383,7 +383,7 @@ class _Row:
 
     @property
     def moves(self) -> bool:
-        """Whether the effect changes what is solved, and not only what is seen of it."""
+        """True if the effect changes the solve, and not only its picture."""
         base, little = self.model.test, self.null + self.parameter.step / 8
         test = self.effect.before(base, {**self.values, self.parameter.name: little})
         return test.case is not base.case or test.path is not base.path or bool(test.perturbations)
@@ -410,8 +410,8 @@ def respond(
     if solution.converged:
         u, du = moved(test, solution), varied(test, solution, variations)
     kind = effort.kind_of(history=solution.history is not None, derivatives=count > 0)
-    own = (effort.COLUMNS, count) if columns and count else (kind, 1)
-    effort.add(*own, time.process_time() - began)
+    work = (effort.COLUMNS, count) if columns and count else (kind, 1)
+    effort.add(*work, time.process_time() - began)
     if not solution.converged:
         raise Unsolvable(f"the finite-element model {solution.reason}")
     return u, du, solution
@@ -419,21 +419,23 @@ def respond(
 
 def moved(test: Test, solution: Solution) -> Array:
     """Displacements (s, p, 3) mm of a test's points in its solution, before any correction and effect."""
-    u, at = np.zeros((len(test.path.output), len(test.points), 3)), partial(perturbed, test, solution)
-    u[:, test.moving] = at(test.points[test.moving])
-    return u + slipped(test, at) if test.slips else u
+    u = np.zeros((len(test.path.output), len(test.points), 3))
+    displacements = partial(perturbed, test, solution)
+    u[:, test.moving] = displacements(test.points[test.moving])
+    return u + slipped(test, displacements) if test.slips else u
 
 
 def remembered(test: Test, solution: Solution) -> Array | None:
-    """What of the displacements (s, p, 3) mm of a test's points in its solution the memory of its materials
-    makes, if they have any: without it, they are those of the curves that carried the history. What
-    perturbs the test is left out."""
+    """Displacements (s, p, 3) mm of a test's points that the memory of its materials adds; None without a
+    memory. Without it they are displacements of the curves that carried the history. Perturbations of the
+    test are left out."""
     test = replace(test, perturbations=())
     plain = test.case.with_material(prony=(), mullins=None)
     if plain.materials == test.case.materials:
         return None
-    own, instant = replace(test, case=plain), solution.instant
-    return moved(test, solution) - (moved(own, instant) if instant else respond(own, (), start=None)[0])
+    without, instant = replace(test, case=plain), solution.instant
+    u = moved(without, instant) if instant else respond(without, (), start=None)[0]
+    return moved(test, solution) - u
 
 
 def each(field: Array) -> Array:
@@ -451,18 +453,18 @@ def varied(test: Test, solution: Solution, variations: Sequence[Variation]) -> A
     if not count:
         return du
 
-    def at(points: Array) -> Array:
+    def derivatives(points: Array) -> Array:
         return paced(solution.variations_at(points)[:count], variations)
 
-    du[:, :, test.moving] = at(test.points[test.moving])
-    return du + slipped(test, at, rigid=False) if test.slips else du
+    du[:, :, test.moving] = derivatives(test.points[test.moving])
+    return du + slipped(test, derivatives, rigid=False) if test.slips else du
 
 
-def _slid(test: Test, solution: Solution, change: Direction, known: Known | None = None) -> Array:
+def _slid(test: Test, solution: Solution, change: Direction, slopes: Known | None = None) -> Array:
     """The derivative (s, p, 3) to what slips alone on a solved test, 0 where nothing does."""
     _, (a, _), (b, _), h = change
     if not (a.slips or b.slips):
         return np.zeros((len(a.path.output), len(a.points), 3))
-    known, at = {} if known is None else known, partial(perturbed, test, solution)
-    plus, minus = (slipped(side, at, known=known) for side in (a, b))
+    slopes, displacements = {} if slopes is None else slopes, partial(perturbed, test, solution)
+    plus, minus = (slipped(side, displacements, slopes=slopes) for side in (a, b))
     return (plus - minus) / (2 * h)

@@ -49,7 +49,7 @@ class RangedResponse:
         within: Mapping[str, tuple[float, float]] | None = None,
         solves: int = SOLVES,
     ) -> "RangedResponse":
-        """The response of a model around theta (d,), from so many whole solves with their derivatives.
+        """The response of a model around theta (d,), from `solves` solves with their derivatives.
 
         within: lowest and highest value by a parameter's name; of others 20 % of theta either way, or a
         typical step where that is more, and less where there is no such finger. A model with effects takes
@@ -63,8 +63,8 @@ class RangedResponse:
         middle = np.clip(theta, low, high)
         try:
             out = RangedResponse(begun(model, middle), low, high, middle)
-            for one in (middle, *spread(low, high, solves - 1)):
-                out = out.certified(one)
+            for point in (middle, *spread(low, high, solves - 1)):
+                out = out.certified(point)
         except Unsolvable as why:
             raise ValueError(
                 f"the response cannot be made: {why}; wanted a range in which the model has an equilibrium: "
@@ -86,19 +86,19 @@ class RangedResponse:
         return {p.name: (float(low), float(high)) for p, low, high in ends}
 
     def at(self, values: Mapping[str, float] | None = None) -> Answer:
-        """What the model shows with these values, by the parameters' names. Raises ValueError for a name that
+        """The answer at values by the parameters' names. Raises ValueError for a name that
         the model does not have, and outside the range."""
-        given = dict(values or {})
+        stated = dict(values or {})
         names = [p.name for p in self._parameters]
-        if unknown := sorted(set(given) - set(names)):
+        if unknown := sorted(set(stated) - set(names)):
             raise ValueError(
-                f"{unknown[0]} = {given[unknown[0]]:g}: the model has no such parameter; wanted one of "
+                f"{unknown[0]} = {stated[unknown[0]]:g}: the model has no such parameter; wanted one of "
                 f"{', '.join(names)}"
             )
-        return self.answer(np.array([given.get(n, x) for n, x in zip(names, self.middle, strict=True)]))
+        return self.answer(np.array([stated.get(n, x) for n, x in zip(names, self.middle, strict=True)]))
 
     def answer(self, theta: Array) -> Answer:
-        """What the model shows at theta (d,). Raises ValueError outside the range."""
+        """The answer at theta (d,). Raises ValueError outside the range."""
         for p, x, low, high in zip(self._parameters, theta, self.low, self.high, strict=True):
             if not low <= x <= high:
                 unit = f" {p.unit}" if p.unit else ""
@@ -124,22 +124,26 @@ class RangedResponse:
 
 def spread(low: Array, high: Array, count: int, *, seed: int = 0) -> Array:
     """Points (count, d) spread evenly between low (d,) and high (d,): the first of a scrambled Sobol
-    sequence, of which more only adds to fewer."""
+    sequence, so that a larger count only adds points.
+
+    >>> spread(np.zeros(1), np.ones(1), 4).shape
+    (4, 1)
+    """
     power = int(np.ceil(np.log2(max(count, 1))))
     unit = qmc.Sobol(len(low), rng=np.random.default_rng(seed)).random_base2(power)[:count]
     return np.asarray(low + (high - low) * unit)
 
 
 def begun(model: KeptModel, middle: Array) -> Surrogate:
-    """What is known of a model before its first whole solve: a solve without its effects and their tangents.
-    It remembers nothing that was asked of the model before, which would not be the same at the next time."""
+    """The surrogate of a model before its first whole solve: a solve without its effects, and their tangents.
+    It ignores earlier solves of the model, so that its answers can be repeated."""
     parent = model.base
     assert isinstance(parent, KeptModel)
     base = replace(parent)
-    own = np.array([model.named(middle)[p.name] for p in base.parameters])
+    theta = np.array([model.named(middle)[p.name] for p in base.parameters])
     more = [e for e in model.effects if e not in base.effects]
-    whole = replace(model, parent=base) if more else base
-    return Surrogate.of(whole, base, own, base.tangents(own, more))
+    full = replace(model, parent=base) if more else base
+    return Surrogate.of(full, base, theta, base.tangents(theta, more))
 
 
 def _range(
@@ -176,7 +180,7 @@ def _around(model: KeptModel, theta: Array, k: int) -> tuple[float, float]:
 
 
 def _possible(model: KeptModel, theta: Array) -> bool:
-    """Whether there is a finger with theta (d,), if not an equilibrium of it."""
+    """True if there is a finger with theta (d,), even without an equilibrium."""
     try:
         model.put(model.named(theta))
     except Unsolvable:

@@ -41,28 +41,30 @@ FAR = 2.5  # coordinates beyond every solve: no answer there
 
 @dataclass(frozen=True)
 class Axis:
-    """How a parameter becomes a coordinate x: (value - middle) / scale, of its logarithm where it runs over
+    """The map of a parameter to a coordinate x: (value - middle) / scale, of its logarithm where it runs over
     decades. free: whether it has no null, as a time or a place of something added."""
 
     middle: float
     scale: float
     log: bool = False
     free: bool = False
-    own: bool = False
+    of_base: bool = False
 
     @staticmethod
-    def of(p: Parameter, at: float, tried: Sequence[float], *, own: bool, scale: float = 0.0) -> "Axis":
-        """That of a parameter at a value, where an effect is tried at some; own: it is the base model's;
-        scale: at least so large."""
-        if own or p.null is not None:
-            middle = at if own or p.null is None else p.null
+    def of(
+        p: Parameter, value: float, tried: Sequence[float], *, of_base: bool, scale: float = 0.0
+    ) -> "Axis":
+        """The axis of a parameter about a value, where an effect is tried at some; of_base: it is the base
+        model's; scale: at least so large."""
+        if of_base or p.null is not None:
+            middle = value if of_base or p.null is None else p.null
             likely = [abs(end - middle) for end in p.plausible or ()]
-            return Axis(middle, max([BENT * p.step, scale, *likely]), own=own)
+            return Axis(middle, max([BENT * p.step, scale, *likely]), of_base=of_base)
         log = p.low > 0 and p.high > 5 * p.low
         ends = np.array(sorted({*tried})) if len({*tried}) > 1 else np.array([p.low, p.high])
         x = np.log(ends) if log else ends
         spacing = float(np.diff(x).mean()) if len({*tried}) > 1 else float(np.ptp(x)) / 4
-        return Axis(float(np.log(at) if log else at), APART * spacing, log=log, free=True)
+        return Axis(float(np.log(value) if log else value), APART * spacing, log=log, free=True)
 
     def x(self, value: float) -> float:
         """The coordinate of a value."""
@@ -103,41 +105,46 @@ class Surrogate(Model):
     # -- what it knows --------------------------------------------------------------------------------------
 
     @staticmethod
-    def of(whole: KeptModel, base: KeptModel, theta: Array, tangents: Tangents) -> "Surrogate":
+    def of(full: KeptModel, base: KeptModel, theta: Array, tangents: Tangents) -> "Surrogate":
         """The response of a base model with effects more, of all that both have solved. theta (d,): where the
         tangents are; tangents: of its effects, as `Model.tangents` gives them; some may be absent."""
-        at = base.solved(theta, derivatives=True)
-        known = [] if whole is base else [*(s for s in base.kept if s is not at), at]  # told below
-        own = {p.name for p in base.parameters}
+        last = base.solved(theta, derivatives=True)
+        earlier = [s for s in base.kept if s is not last]
+        base_solves = [] if full is base else [*earlier, last]  # its own solves are joined below
+        base_names = {p.name for p in base.parameters}
         tries = {p.name: [e[p.name] for e in f.tries(base.test) if p.name in e]
-                 for f in whole.effects for p in f.parameters}  # fmt: skip
-        start = base.named(at.theta)
-        for f in whole.effects:
+                 for f in full.effects for p in f.parameters}  # fmt: skip
+        start = base.named(last.theta)
+        for f in full.effects:
             entry = f.tries(base.test)[0]
             start |= {p.name: p.null if p.null is not None else entry.get(p.name, (p.low + p.high) / 2)
-                      for p in f.parameters if p.name not in own}  # fmt: skip
-        stiff = whole.law.at_rest if whole.law else ()
+                      for p in f.parameters if p.name not in base_names}  # fmt: skip
+        stiff = full.law.at_rest if full.law else ()
         moduli = sum(x for n, x in start.items() if n in stiff)
         axes = tuple(
-            Axis.of(p, start[p.name], tries[p.name], own=p.name in own, scale=moduli * (p.name in stiff))
-            for p in whole.parameters
+            Axis.of(
+                p, start[p.name], tries[p.name], of_base=p.name in base_names, scale=moduli * (p.name in stiff)
+            )
+            for p in full.parameters
         )
         empty = Surrogate(
-            test=whole.test, effects=whole.effects, reference=whole.reference, mesh=whole.mesh,
-            parent=whole.parent, rests=whole.rests, whole=whole, axes=axes, source=base, before=at,
+            test=full.test, effects=full.effects, reference=full.reference, mesh=full.mesh,
+            parent=full.parent, rests=full.rests, whole=full, axes=axes, source=base, before=last,
         )  # fmt: skip
-        rows = [row for one in known for row in empty._told(one, {**start, **base.named(one.theta)}, base)]
-        for f in whole.effects:
+        rows = []
+        for solve in base_solves:
+            rows += empty._told(solve, {**start, **base.named(solve.theta)}, base)
+        for f in full.effects:
             for entry, fields in zip(f.tries(base.test), tangents.get(f.label, ()), strict=False):
                 names = [p.name for p in f.amplitudes]
                 rows += empty._along({**start, **entry}, dict(zip(names, fields, strict=True)), ROUGH)
         out = replace(empty, rows=tuple(rows))
-        for one in whole.kept:
-            out = out.joined(one)
+        for solve in full.kept:
+            out = out.joined(solve)
         return out
 
     def reaches(self, theta: Array) -> bool:
-        """Whether it can answer at theta (d,), and knows something along every parameter."""
+        """True if it can answer at theta (d,), and has derivatives along every parameter."""
         along, x = {r.along for r in self.rows}, self._x(self.named(theta))
         near = min((float(np.abs(r.x - x).max()) for r in self.rows), default=np.inf) <= FAR
         return near and all(axis.free or k in along for k, axis in enumerate(self.axes))
@@ -147,19 +154,19 @@ class Surrogate(Model):
         there is no equilibrium."""
         return self.joined(self.whole.solved(theta, derivatives=True))
 
-    def joined(self, made: Solved) -> "Surrogate":
+    def joined(self, solve: Solved) -> "Surrogate":
         """The response with one more solve of the whole model, with its derivatives."""
-        if any(np.array_equal(s.theta, made.theta) for s in self.solves):
+        if any(np.array_equal(s.theta, solve.theta) for s in self.solves):
             return self
-        rows = (*self.rows, *self._told(made, self.named(made.theta), self.whole))
-        misses = (*self.misses, *([self._missed(made)] if self.reaches(made.theta) else []))
-        return replace(self, rows=rows, solves=(*self.solves, made), misses=misses)
+        rows = (*self.rows, *self._told(solve, self.named(solve.theta), self.whole))
+        misses = (*self.misses, *([self._missed(solve)] if self.reaches(solve.theta) else []))
+        return replace(self, rows=rows, solves=(*self.solves, solve), misses=misses)
 
     def _told(self, solved: Solved, values: Mapping[str, float], model: Model) -> list[Row]:
-        """What a solve of a model, this one's or its base, tells."""
+        """The rows of a solve, of this model or its base: displacements and derivatives."""
         assert solved.jacobian is not None  # a model that keeps its solves makes none without
-        own = dict(zip((p.name for p in model.parameters), solved.jacobian, strict=True))
-        return [Row(self._x(values), -1, solved.u.ravel()), *self._along(values, own, SURE)]
+        fields = dict(zip((p.name for p in model.parameters), solved.jacobian, strict=True))
+        return [Row(self._x(values), -1, solved.u.ravel()), *self._along(values, fields, SURE)]
 
     def _along(self, values: Mapping[str, float], fields: Mapping[str, Array], sd: float) -> list[Row]:
         x, names = self._x(values), [p.name for p in self.parameters]
@@ -169,19 +176,20 @@ class Surrogate(Model):
             if n in fields
         ]
 
-    def _missed(self, made: Solved) -> float:
+    def _missed(self, solve: Solved) -> float:
         """The mean square of what a new solve is off, over what the likeliest kernel says there."""
-        u, sd = self.answer(made.theta)
-        return float(np.mean((made.u - u) ** 2) / np.mean(sd**2)) * self._worse
+        u, sd = self.answer(solve.theta)
+        return float(np.mean((solve.u - u) ** 2) / np.mean(sd**2)) * self._worse
 
     # -- its answer -----------------------------------------------------------------------------------------
 
     def answer(self, theta: Array) -> tuple[Array, Array]:
         """Displacements (s, p, 3) mm at theta (d,), and their sd, mm."""
-        (k, own), known = self._beside_rows(theta), self._fitted
-        left = max(own - float(k[0] @ known.inverse @ k[0]), SURE**2 * own)  # what cancels is not seen
-        sd = np.sqrt(left * known.variance * self._worse)
-        return (k[0] @ known.weights).reshape(self._shape), sd.reshape(self._shape)
+        (k, itself), process = self._beside_rows(theta), self._fitted
+        unexplained = itself - float(k[0] @ process.inverse @ k[0])
+        unexplained = max(unexplained, SURE**2 * itself)  # what cancels is not seen
+        sd = np.sqrt(unexplained * process.variance * self._worse)
+        return (k[0] @ process.weights).reshape(self._shape), sd.reshape(self._shape)
 
     @property
     def fields(self) -> Array:
@@ -189,7 +197,7 @@ class Surrogate(Model):
         return self._fitted.weights.reshape(-1, *self._shape)
 
     def coefficients(self, thetas: Array) -> Array:
-        """What (m, r) of each of `fields` is in the answers at thetas (m, d); NaN FAR beyond every solve."""
+        """Coefficients (m, r) of `fields` in the answers at thetas (m, d); NaN FAR beyond every solve."""
         x, (points, along) = np.array([self._x(self.named(t)) for t in thetas]), self._points
         every = self._kernel(x, points, self._fitted.stretch)[:, :, 0]
         out = every[:, np.arange(len(points)), along]
@@ -208,7 +216,7 @@ class Surrogate(Model):
         return Solved(theta.copy(), u, jacobian, None)  # type: ignore[arg-type]
 
     def with_effect(self, effect: Effect) -> Model:
-        """The whole model with one more effect, of which this one knows nothing."""
+        """The whole model with one more effect, which this surrogate does not know."""
         return self.whole.with_effect(effect)
 
     def on_mesh(self, mesh: Discretisation | None) -> Self:
@@ -262,9 +270,9 @@ class Surrogate(Model):
     def _at(self, stretch: float) -> "_Process":
         x, along = self._points
         every, n = self._kernel(x, x, stretch), np.arange(len(x))
-        own = every[n[:, None], n[None, :], along[:, None], along[None, :]]
-        sd, size = np.array([r.sd for r in self.rows]), np.sqrt(np.diag(own))
-        unit = own / np.outer(size, size) + np.diag(sd**2)
+        kernel = every[n[:, None], n[None, :], along[:, None], along[None, :]]
+        sd, size = np.array([r.sd for r in self.rows]), np.sqrt(np.diag(kernel))
+        unit = kernel / np.outer(size, size) + np.diag(sd**2)
         inverse = np.linalg.inv(unit) / np.outer(size, size)
         values = np.array([r.value for r in self.rows])
         weights = inverse @ values
@@ -277,7 +285,7 @@ class Surrogate(Model):
 
     @property
     def _worse(self) -> float:
-        """How much larger the squared error is than the kernel says, as far as whole solves have shown."""
+        """Ratio of the squared error to the kernel's, as far as whole solves have shown."""
         return (WORSE + sum(self.misses)) / (1 + len(self.misses))
 
     def _beside_rows(self, theta: Array) -> tuple[Array, float]:
@@ -286,21 +294,23 @@ class Surrogate(Model):
         x = self._x(self.named(theta))[None]
         points, along = self._points
         if float(np.abs(points - x).max(axis=1).min()) > FAR:
-            told = ", ".join(f"{n} = {v:.3g}" for n, v in self.named(theta).items())
-            raise Unsolvable(f"{told}: too far from every solve to be answered; certify a whole solve there")
+            values = ", ".join(f"{n} = {v:.3g}" for n, v in self.named(theta).items())
+            raise Unsolvable(
+                f"{values}: too far from every solve to be answered; certify a whole solve there"
+            )
         stretch = self._fitted.stretch
         every = self._kernel(x, points, stretch)[0]
         return every[np.arange(len(points)), :, along].T, float(self._kernel(x, x, stretch)[0, 0, 0, 0])
 
     def _kernel(self, a: Array, b: Array, stretch: float) -> Array:
         """The kernel (m, n, 1 + d, 1 + d) of values and derivatives at points (m, d) and (n, d)."""
-        own = np.array([axis.own for axis in self.axes])
+        of_base = np.array([axis.of_base for axis in self.axes])
         free = np.array([axis.free for axis in self.axes])
-        more = _taylor(a, b, np.where(~own & ~free, 1 / stretch, 0.0))
+        more = _taylor(a, b, np.where(~of_base & ~free, 1 / stretch, 0.0))
         more[:, :, 0, 0] -= 1.0
         here = _product(more, _near(a, b, free))
         here[:, :, 0, 0] += 1.0
-        return _product(_taylor(a, b, own.astype(float)), here)
+        return _product(_taylor(a, b, of_base.astype(float)), here)
 
 
 @dataclass(frozen=True)
@@ -333,9 +343,9 @@ def _near(a: Array, b: Array, which: NDArray[np.bool_]) -> Array:
 
 def _jets(by_a: Array, by_b: Array) -> Array:
     """The outer product (m, n, 1 + d, 1 + d) of 1 and logarithmic derivatives (m, n, d)."""
-    one = np.ones((*by_a.shape[:2], 1))
-    left, right = np.concatenate([one, by_a], axis=2), np.concatenate([one, by_b], axis=2)
-    return np.asarray(left[:, :, :, None] * right[:, :, None, :])
+    ones = np.ones((*by_a.shape[:2], 1))
+    rows, columns = np.concatenate([ones, by_a], axis=2), np.concatenate([ones, by_b], axis=2)
+    return np.asarray(rows[:, :, :, None] * columns[:, :, None, :])
 
 
 def _product(f: Array, g: Array) -> Array:

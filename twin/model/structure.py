@@ -1,4 +1,4 @@
-"""What a project's model is made of: a body of the program, or the mesh of the user's own Abaqus deck.
+"""The structure of a project's model: a body of the program, or the mesh of the user's own Abaqus deck.
 
 Either gives a case with nominal constants, and the finer meshes that its discretisation modes come from.
 """
@@ -67,8 +67,8 @@ class Structure:
     def elements(self) -> Integers:
         """The numbers (e,) of the elements: a deck's own as long as they are not divided, else 1, 2, .."""
         count = len(self.case.connectivity)
-        whole = self.numbers is not None and len(self.numbers) == count
-        return self.numbers if self.numbers is not None and whole else 1 + np.arange(count)
+        undivided = self.numbers is not None and len(self.numbers) == count
+        return self.numbers if self.numbers is not None and undivided else 1 + np.arange(count)
 
     @property
     def base(self) -> Mesh:
@@ -112,20 +112,20 @@ def _built(build: Callable[[], Case], change: Callable[[Case], Case]) -> Case:
     return change(build())
 
 
-def beside(structure: Structure, thing: RigidObject) -> Structure:
+def beside(structure: Structure, rigid: RigidObject) -> Structure:
     """The structure beside a rigid object. ValueError where the object overlaps it at rest, or it is not
     known what may touch."""
 
     def met(mesh: Mesh) -> Mesh:
-        return Mesh(digest(mesh.key, thing), partial(_beside, mesh.build, thing))
+        return Mesh(digest(mesh.key, rigid), partial(_beside, mesh.build, rigid))
 
     finer = {name: met(mesh) for name, mesh in structure.finer.items()}
     base = met(structure.base)
     return replace(structure, case=base.build(), key=base.key, finer=finer, scales=False)
 
 
-def _beside(build: Callable[[], Case], thing: RigidObject) -> Case:
-    return thing.beside(build())
+def _beside(build: Callable[[], Case], rigid: RigidObject) -> Case:
+    return rigid.beside(build())
 
 
 # -- a body of the program ---------------------------------------------------------------------------------
@@ -192,13 +192,13 @@ def of_deck(
     meshes, unknown = _refinements(case, key)
     forces = case.forces or case.growing
     alone = not case.kept and not forces and not case.layers and all(s.value is None for s in case.supports)
-    said = (*deck.remarks, *_left_out(deck.case, fitted))
-    remarks = (*(f"{path.name}: {r}" for r in said), *_remarks(path, case, fitted, meshes, nominal))
+    sentences = (*deck.remarks, *_left_out(deck.case, fitted))
+    remarks = (*(f"{path.name}: {r}" for r in sentences), *_remarks(path, case, fitted, meshes, nominal))
     return Structure(case, key, meshes, skin(case), alone, unknown, remarks, deck.elements, nominal)
 
 
 def sound_deck(path: Path) -> Deck:
-    """A deck as it was read, with a chamber under pressure and a body that can be solved; else ValueError."""
+    """The deck of a file, with a chamber under pressure and a body that can be solved; else ValueError."""
     deck = read_deck(path)
     if deck.case.pressurised is None:
         raise ValueError(f"{path.name}: no pressure; wanted *DSLOAD with P on the surface of the chamber")
@@ -206,19 +206,19 @@ def sound_deck(path: Path) -> Deck:
     return deck
 
 
-def _fitted(case: Case, wanted: tuple[str, ...], path: Path) -> tuple[str, ...]:
+def _fitted(case: Case, silicone: tuple[str, ...], path: Path) -> tuple[str, ...]:
     """The element sets of the silicone; ValueError where they are not known."""
-    known = ", ".join(case.materials)
-    names = tuple(name.lower() for name in wanted)
+    sets = ", ".join(case.materials)
+    names = tuple(name.lower() for name in silicone)
     for name in names:
         if name not in case.materials:
             raise ValueError(
                 f"model.silicone = {name!r}: {path.name} has no *SOLID SECTION of that name; wanted "
-                f"one of {known}"
+                f"one of {sets}"
             )
     if not names and len(set(case.materials.values())) > 1:
         raise ValueError(
-            f"{path.name} has several materials ({known}); wanted the element sets whose silicone is "
+            f"{path.name} has several materials ({sets}); wanted the element sets whose silicone is "
             f'calibrated: write, for example, silicone = ["{next(iter(case.materials))}"] '
             "under [model] in twin.toml"
         )
@@ -233,30 +233,30 @@ def _divided(case: Case, mesh: int) -> Case:
     return case if mesh == 1 else _divided(refined(case), mesh // 2)
 
 
-def _nominal(own: Material, law: RubberLaw | None) -> Constants:
+def _nominal(material: Material, law: RubberLaw | None) -> Constants:
     """The constants of a silicone until they are fitted: a deck's own where it states the law; of
     Mooney-Rivlin rubber, which neo-Hookean is too, and of a law that no model has, the usual ones."""
-    stated = law_of(own)
-    polynomial = stated is None or set(stated.names) <= set(MOONEY_RIVLIN.names)
-    wanted = law or (MOONEY_RIVLIN if polynomial or stated is None else stated)
-    if wanted == MOONEY_RIVLIN or stated != wanted:
-        return wanted.nominal
-    return wanted.of(wanted.read(own))
+    deck_law = law_of(material)
+    polynomial = deck_law is None or set(deck_law.names) <= set(MOONEY_RIVLIN.names)
+    fitted_law = law or (MOONEY_RIVLIN if polynomial or deck_law is None else deck_law)
+    if fitted_law == MOONEY_RIVLIN or deck_law != fitted_law:
+        return fitted_law.nominal
+    return fitted_law.of(fitted_law.read(material))
 
 
 def _rubber(case: Case, fitted: tuple[str, ...], nominal: Constants) -> Case:
     """The case with the base law in the fitted sets, as compressible and heavy as in the deck."""
-    own, base = {k: case.materials[k] for k in fitted}, nominal.material
-    changed = {k: replace(base, bulk_ratio=m.bulk_ratio, density=m.density) for k, m in own.items()}
-    kept = tuple(k for k in case.materials if k not in fitted)
-    return replace(case, materials={**case.materials, **changed}, kept=kept)
+    silicone, base = {k: case.materials[k] for k in fitted}, nominal.material
+    changed = {k: replace(base, bulk_ratio=m.bulk_ratio, density=m.density) for k, m in silicone.items()}
+    others = tuple(k for k in case.materials if k not in fitted)
+    return replace(case, materials={**case.materials, **changed}, kept=others)
 
 
 def _left_out(case: Case, fitted: tuple[str, ...]) -> list[str]:
     """A sentence on the memory that a deck gives to its silicone."""
     names = [k for k in fitted if case.materials[k].prony or case.materials[k].mullins]
-    told = f"The memory of {', '.join(names)} is left out: the effects creep and mullins fit it."
-    return [told] if names else []
+    sentence = f"The memory of {', '.join(names)} is left out: the effects creep and mullins fit it."
+    return [sentence] if names else []
 
 
 def _clamped(case: Case) -> Case:
@@ -328,7 +328,7 @@ def _remarks(
 
 
 def _law_told(nominal: Constants) -> str:
-    """What becomes of the silicone's law, up to the sets that have it."""
+    """The beginning of a sentence on the fitted law, up to the names of its element sets."""
     law = nominal.law
     *most, last = law.names
     fitted = f"{law.title} with fitted {' and '.join([', '.join(most), last] if most else [last])}"

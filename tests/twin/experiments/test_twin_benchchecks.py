@@ -72,7 +72,7 @@ def test_an_effect_of_the_users_own_shows_as_its_kind() -> None:
     class Cable(Effect):
         name, generic = "cable", "outside force"
 
-    (found,) = witnesses(("cable", "strain_limiting_layer"), own=(Cable(),))
+    (found,) = witnesses(("cable", "strain_limiting_layer"), users=(Cable(),))
     assert found.test.startswith("disconnect the supply line")
     (unknown,) = witnesses(("cable", "strain_limiting_layer"))
     assert "cut the finger" in unknown.test
