@@ -123,7 +123,8 @@ class Surrogate(Model):
         moduli = sum(x for n, x in start.items() if n in stiff)
         axes = tuple(
             Axis.of(
-                p, start[p.name], tries[p.name], of_base=p.name in base_names, scale=moduli * (p.name in stiff)
+                p, start[p.name], tries[p.name], of_base=p.name in base_names,
+                scale=moduli * (p.name in stiff),
             )
             for p in full.parameters
         )
