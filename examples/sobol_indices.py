@@ -1,12 +1,13 @@
 """What does a film see of each parameter, and which other test would see more? Sobol indices, with SALib."""
 
 import numpy as np
+from SALib.analyze.sobol import analyze
+from SALib.sample.sobol import sample
 
 import fe
 from twin import Test
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
-from twin.experiments.sensitivity import sobol_indices
 from twin.model.keptmodel import KeptModel
 from twin.model.rangedresponse import RangedResponse
 
@@ -23,18 +24,16 @@ names = [p.name for p in model.parameters]
 response = RangedResponse.of(model, (low + high) / 2, within=dict(zip(names, zip(low, high))), solves=8)
 FILM = ("tip U1, top", "tip U3, top", "middle U3, top", "tip U3, fall less rise")
 FURTHER = ("turned over: tip U3, rest", "turned over: tip U3, top")
-
-
-def targets(theta):
-    u = response.answer(theta).u  # (steps, points, 3) mm
-    return np.array([u[2, 0, 0], u[2, 0, 2], u[2, 1, 2], u[3, 0, 2] - u[1, 0, 2], u[4, 0, 2], u[5, 0, 2]])
-
-
-found = sobol_indices(targets, low, high)
-for target, first, total in zip(FILM + FURTHER, found.first, found.total):
-    told = (f"{n} {round(a, 2) + 0:.2f} (total {b:.2f})" for n, a, b in zip(names, first, total))
+problem = {"num_vars": len(names), "names": names, "bounds": np.stack([low, high], axis=1).tolist()}
+thetas = sample(problem, 512, calc_second_order=False, seed=0)
+u = np.array([response.answer(theta).u for theta in thetas])  # (thetas, steps, points, 3) mm
+y = [u[:, 2, 0, 0], u[:, 2, 0, 2], u[:, 2, 1, 2], u[:, 3, 0, 2] - u[:, 1, 0, 2], u[:, 4, 0, 2], u[:, 5, 0, 2]]
+rows = [analyze(problem, target, calc_second_order=False, seed=0) for target in y]
+first, total = (np.array([row[key] for row in rows]) for key in ("S1", "ST"))
+for target, alone, all_ in zip(FILM + FURTHER, first, total):
+    told = (f"{n} {round(a, 2) + 0:.2f} (total {b:.2f})" for n, a, b in zip(names, alone, all_))
     print(f"{target:26}", *told, sep="  ")
-k = found.total[: len(FILM)].max(axis=0).argmin()  # what no target of the film sees much of
-print(f"The film sees least of {names[k]}, total {found.total[: len(FILM), k].max():.2f}.")
-best = found.total[:, k].argmax()
-print(f"{(FILM + FURTHER)[best]} sees most of it, total {found.total[best, k]:.2f}.")
+k = total[: len(FILM)].max(axis=0).argmin()  # what no target of the film sees much of
+print(f"The film sees least of {names[k]}, total {total[: len(FILM), k].max():.2f}.")
+best = total[:, k].argmax()
+print(f"{(FILM + FURTHER)[best]} sees most of it, total {total[best, k]:.2f}.")

@@ -64,12 +64,12 @@ FIGURES = (
     Figure(README, "the best of # candidates has # mm RMS", ("count:", "best:")),
     Figure(README, "C10 + C01 = # MPa, share C01/(C10 + C01) = #, correlation #.",
            tuple(f"{SENTENCE}#{k}" for k in (1, 2, 3))),
-    Figure(README, "misses the measurement by # mm rms; noise and errors that many values share would give "
-           "# mm. Without such errors # mm is left; the noise is # mm.",
-           tuple(f"{COMPARE}{key}" for key in ("raw_rms_mm", "expected_mm", "rms_mm", "noise_sd_mm"))),
+    Figure(README, "Random noise explains # mm; # mm rms remain after known systematic errors (scale, "
+           "camera, mesh) are removed. With them the error is # mm rms.",
+           tuple(f"{COMPARE}{key}" for key in ("noise_sd_mm", "rms_mm", "raw_rms_mm"))),
     Figure(README, "at marker tip (# mm, # times its noise), in U3, at # to # kPa",
-           tuple(f"{WHERE}#{k}" for k in (5, 6, 7, 8))),
-    Figure(README, "at rest would have to be off by # sd", (f"{WHERE}#9",)),
+           tuple(f"{WHERE}#{k}" for k in (4, 5, 6, 7))),
+    Figure(README, "at rest were off by # sd", (f"{WHERE}#8",)),
     Figure(README, "The error falls from # to # mm rms with creep:2; # mm is expected", FALLEN),
     Figure(README, "creep:2 (evidence #), creep:wide (evidence #), creep (evidence #)",
            (EVIDENCE[0], f"{RANKED}creep:wide.evidence", EVIDENCE[1])),

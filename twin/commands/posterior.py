@@ -25,8 +25,8 @@ from twin.calibrated.predictions import NORMAL, why_none
 from twin.calibrated.profiles import Profiler, profiled_names, sd_of
 from twin.commands.profile import ProfilesRecord
 from twin.drawing.uncertaintyplots import draw_band, draw_corner
-from twin.judging.likelihood import held
 from twin.judging.fitrecord import FitRecord
+from twin.judging.likelihood import held
 from twin.judging.whitening import Whitener
 from twin.messages import Say
 from twin.numerals import interval, short, value

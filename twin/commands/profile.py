@@ -21,8 +21,8 @@ from twin.bench.workbench import Workbench
 from twin.calibrated.predictions import NORMAL, why_none
 from twin.calibrated.profiles import ENDS, Profiler, profiled_names, sd_of
 from twin.drawing.uncertaintyplots import ProfileCurve, draw_profiles
-from twin.judging.likelihood import held
 from twin.judging.fitrecord import FitRecord
+from twin.judging.likelihood import held
 from twin.messages import Say
 from twin.numerals import interval, short, value
 from twin.project.folder import Project, Run

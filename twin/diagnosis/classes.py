@@ -44,10 +44,10 @@ def _mimics(
     size = (columns**2).sum(axis=0)
     columns, size = columns[:, size > 0], size[size > 0]
     shares: dict[str, float] = {}
-    for rival, rows in bases.items():
-        if rival != label:
+    for mimic, rows in bases.items():
+        if mimic != label:
             mimicked = [((b.T @ columns) ** 2).sum(axis=0) / size for b in rows if b.shape[1]]
-            name = seen[rival][0].effect.kind or rival
+            name = seen[mimic][0].effect.kind or mimic
             shares[name] = max(shares.get(name, 0.0), min(1.0, float(np.max(mimicked, initial=0.0))))
     members = {k: v for k, v in sorted(shares.items(), key=lambda kv: -kv[1]) if v >= ALIKE}
     return Mimics(effect=label, members=members, ceiling=max(shares.values(), default=0.0))

@@ -146,7 +146,7 @@ def _by_physics(rows: Sequence[Hypothesis]) -> list[Hypothesis]:
     laws: dict[frozenset[str], list[Hypothesis]] = {}
     for h in ranked(list(rows)):
         laws.setdefault(frozenset(h.names), []).append(h)
-    best = [_as_good(next((h for h in rivals if h.adequate), rivals[0]), rivals) for rivals in laws.values()]
+    best = [_as_good(next((h for h in rows if h.adequate), rows[0]), rows) for rows in laws.values()]
     return list(ranked(best))
 
 

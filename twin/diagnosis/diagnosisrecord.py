@@ -133,7 +133,7 @@ class DiagnosisRecord(Record):
         description="what these data cannot tell apart",
     )
     classes: tuple[Mimics, ...] = Field(default=(), description="who mimics each effect")
-    ranking: tuple[RankingRow, ...] = Field(default=(), description="every candidate")
+    ranking: tuple[RankingRow, ...] = Field(default=(), description="every hypothesis")
     resembles: tuple[Resemblance, ...] = Field(default=(), description="nearest stand-ins")
     scaling: dict[str, Maybe] = Field(
         default={},

@@ -91,7 +91,7 @@ def _unknown(base: Judged, rows: Sequence[Hypothesis]) -> Diagnosis:
     return Diagnosis(
         verdict="none of these",
         sentence=(
-            "Something is missing that the library does not have. The model misses the measurement by "
+            "Something is missing that the library does not have. "
             f"{error_in_words(comparison)}{like}{nearest} {_place(comparison)}"
         ).strip(),
         resembles=tuple(alike),

@@ -223,11 +223,11 @@ def _beyond_noise(row: MapRow) -> float:
 
 
 def error_in_words(comparison: Comparison | ComparisonRecord) -> str:
-    """The error of a model and what would be expected of a right one, with shared errors and without, mm."""
+    """The error of a model without errors that many values share, beside the noise, and with them, in mm."""
     return (
-        f"{comparison.raw_rms_mm:.3f} mm rms; noise and errors that many values share would give "
-        f"{comparison.expected_mm:.3f} mm. Without such errors {comparison.rms_mm:.3f} mm is left; the "
-        f"noise is {comparison.noise_sd_mm:.3f} mm."
+        f"Random noise explains {comparison.noise_sd_mm:.3f} mm; {comparison.rms_mm:.3f} mm rms remain after "
+        "known systematic errors (scale, camera, mesh) are removed. With them the error is "
+        f"{comparison.raw_rms_mm:.3f} mm rms."
     )
 
 
@@ -242,13 +242,12 @@ def _where(comparison: Comparison) -> str:
     excessive = in_words(comparison.beyond, fits=comparison.adequate)
     if comparison.adequate:
         return (
-            "The model agrees with the measurement within the noise. It misses it by "
-            f"{error_in_words(comparison)}{excessive}"
+            f"The model agrees with the measurement within the noise. {error_in_words(comparison)}{excessive}"
         )
     worst = {kind: max(rows, key=_beyond_noise) for kind, rows in comparison.maps.items()}
     marker = worst["marker"]
     return (
-        f"The model misses the measurement by {error_in_words(comparison)} It fails most at marker "
+        f"The model does not fit. {error_in_words(comparison)} It fails most at marker "
         f"{marker.name} ({marker.rms_mm:.3f} mm, {marker.ratio:.1f} times its noise), in "
         f"{worst['direction'].name}, at {worst['pressure'].name}, "
         f"{WHILE[worst['branch'].name]}.{excessive}"

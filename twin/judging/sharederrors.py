@@ -68,9 +68,9 @@ def in_words(rows: Sequence[tuple[str, float]], *, fits: bool) -> str:
     for name, size in rows:
         largest.setdefault(subject(name), size)
     (what, size), *others = list(largest.items())[:SAID]
-    clauses = [f"{what} would have to be off by {abs(size):.0f} sd"]
+    clauses = [f"{what} were off by {abs(size):.0f} sd"]
     clauses += [f"{what} by {abs(size):.0f} sd" for what, size in others]
     more = len(largest) - SAID
     clauses += [f"{more} more error{'s' * (more > 1)} by more than {BEYOND:.0f} sd"] if more > 0 else []
     listed = " and ".join(filter(None, [", ".join(clauses[:-1]), clauses[-1]]))
-    return f" {'For that' if fits else 'Even so'}, {listed}."
+    return f" It {'agrees only' if fits else 'would not fit even'} if {listed}."

@@ -14,8 +14,8 @@ from twin.bench.fits import fresh
 from twin.bench.workbench import Workbench
 from twin.drawing import studyplots
 from twin.drawing.studyplots import FINAL, INITIAL
-from twin.judging.fitting import whitener_of
 from twin.judging.fitrecord import FitRecord
+from twin.judging.fitting import whitener_of
 from twin.laws.law import Constants
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES, NOMINAL, mooney_rivlin
 from twin.messages import Say

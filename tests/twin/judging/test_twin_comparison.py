@@ -119,18 +119,19 @@ def test_the_place_is_not_where_a_shared_error_has_moved_the_misfit(course: Path
     assert 0.8 * found.raw_rms_mm < found.rms_mm < found.raw_rms_mm
     assert found.rms_mm == pytest.approx(np.sqrt(np.nanmean(found.cleaned**2)))
     assert found.expected_mm < 0.3 * found.raw_rms_mm
-    assert f"{found.raw_rms_mm:.3f} mm rms; noise and errors that many values share would give {found.expected_mm:.3f} mm" in found.where
+    assert f"{found.rms_mm:.3f} mm rms remain" in found.where
+    assert f"With them the error is {found.raw_rms_mm:.3f} mm" in found.where
     assert next(name for name, _ in found.beyond) == "reference:tip:3"
-    assert "Even so, the rest position of marker tip in U3 would have to be off by " in found.where
+    assert "even if the rest position of marker tip in U3 were off by " in found.where
 
 
 def test_shared_errors_are_said_in_plain_words() -> None:
     rows = (("sync", 9.2), ("scale", -5.0), ("node:p3:x", 4.4), ("frame:2", 4.1))
     assert in_words(rows, fits=True) == (
-        " For that, the clock of the film would have to be off by 9 sd, the scale of all lengths by 5 sd, the "
+        " It agrees only if the clock of the film were off by 9 sd, the scale of all lengths by 5 sd, the "
         "material point of marker p3 along x by 4 sd and 1 more error by more than 4 sd."
     )
-    assert in_words(rows[:1], fits=False) == " Even so, the clock of the film would have to be off by 9 sd."
+    assert in_words(rows[:1], fits=False) == " It would not fit even if the clock of the film were off by 9 sd."
     assert in_words((), fits=True) == ""
     assert subject("reference:shared:1") == "the rest position of all markers in U1"
     assert subject("out_of_plane:tip") == "the motion of marker tip towards the camera"
