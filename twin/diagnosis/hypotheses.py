@@ -136,10 +136,10 @@ class Hypothesis:
     def adequate(self) -> bool:
         """True if the refit leaves noise alone, under the law errors that the data ask for, with no amplitude
         that would go beyond its bound."""
-        return self.score is not None and self.score.p_value > ADEQUATE and not self.stretched
+        return self.score is not None and self.score.p_value > ADEQUATE and not self.at_outer_bound
 
     @property
-    def stretched(self) -> bool:
+    def at_outer_bound(self) -> bool:
         """True if an amplitude of the refit ends at a bound that is not its null."""
         if self.refit is None:
             return False

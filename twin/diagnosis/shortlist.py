@@ -104,20 +104,20 @@ class Task:
         wrong = not base.comparison.adequate
         rows = self._screened(base, [*self.laws(wide=wrong), *self.generic])
         able = [h for h in rows if not h.note and h.gain > 0 and (wrong or h.p_value < DETECTED)]
-        race = Race(self, base, starts=({**self.model.named(self.nominal)},) if base.at_bound else ())
-        race.run(able)
+        refits = Refits(self, base, starts=({**self.model.named(self.nominal)},) if base.at_bound else ())
+        refits.run(able)
         rough = [e for e in self.absent if not e.smooth]
-        if wrong and not any(h.adequate and not h.kind for h in race.done):
+        if wrong and not any(h.adequate and not h.kind for h in refits.done):
             late = self._screened(base, rough)
-            race.run([h for h in late if not h.note and h.gain > 0])
+            refits.run([h for h in late if not h.note and h.gain > 0])
         else:
             late = [Hypothesis(effects=(e,), note=LATE) for e in rough]
         rows += late
-        if wrong and any(not h.kind for h in race.done):
-            race.run(self._several(base, race), most=MOST // 3)
-            race.run(self._partners(base, race), most=MOST // 3)
-            race.run(self._third(base, race), most=1)
-        return [*race.done, *(h for h in rows if h.label not in race.tried), *self.silent]
+        if wrong and any(not h.kind for h in refits.done):
+            refits.run(self._several(base, refits), most=MOST // 3)
+            refits.run(self._partners(base, refits), most=MOST // 3)
+            refits.run(self._third(base, refits), most=1)
+        return [*refits.done, *(h for h in rows if h.label not in refits.tried), *self.silent]
 
     def _screened(self, base: Judged, effects: Sequence[Effect]) -> list[Hypothesis]:
         """Hypotheses by what they promise at the base fit; where that ends at a bound, at nominal constants
@@ -140,40 +140,40 @@ class Task:
     def _narrow(self) -> list[Effect]:
         return [e for e in self.laws(wide=False) if e.label in self.known]
 
-    def _several(self, base: Judged, race: "Race") -> list[Hypothesis]:
+    def _several(self, base: Judged, refits: "Refits") -> list[Hypothesis]:
         """Pairs of effects that beat every single one, to first order at the base fit or at the best refit,
         whichever promises more."""
-        single = race.best
+        single = refits.best
         if single is None or single.evidence is None:
             return []
         pairs = {frozenset(h.names): h for h in paired(base, self.signatures(base, self._narrow()))}
-        if race.view is not None and not single.kind:
-            signatures = self.signatures(base, self._narrow(), beside=race.view)
-            for h in added(race.view, single.effects, signatures):
+        if refits.view is not None and not single.kind:
+            signatures = self.signatures(base, self._narrow(), beside=refits.view)
+            for h in added(refits.view, single.effects, signatures):
                 pair = replace(h, hint=h.hint + single.evidence)
                 pairs[frozenset(h.names)] = pair  # begun from a refit it is nearer
         return [h for h in pairs.values() if h.hint > single.evidence + PAIRED]
 
-    def _partners(self, base: Judged, race: "Race") -> list[Hypothesis]:
+    def _partners(self, base: Judged, refits: "Refits") -> list[Hypothesis]:
         """Each member of the best pair with every other effect, begun from its own refit: a partner is not
         named where another does as well."""
-        top = race.best
+        top = refits.best
         if top is None or len(top.effects) != 2:
             return []
-        done, out = {frozenset(h.names) for h in race.done}, []
+        done, out = {frozenset(h.names) for h in refits.done}, []
         for member in top.effects:
-            alone = next((h for h in race.done if h.label == member.label), None)
-            alone = alone or race.refit(Hypothesis(effects=(member,), hint=top.hint, start=top.start))
+            alone = next((h for h in refits.done if h.label == member.label), None)
+            alone = alone or refits.refit(Hypothesis(effects=(member,), hint=top.hint, start=top.start))
             if alone.evidence is not None:
                 view = self._view(base, alone)
                 rows = added(view, (member,), self.signatures(base, self._narrow(), beside=view))
                 out += [replace(h, hint=h.hint + alone.evidence) for h in rows]
         return [h for h in out if frozenset(h.names) not in done]
 
-    def _third(self, base: Judged, race: "Race") -> list[Hypothesis]:
+    def _third(self, base: Judged, refits: "Refits") -> list[Hypothesis]:
         """The best pair with a third effect, where no pair is adequate."""
-        pairs = [h for h in ranked(race.done) if len(h.effects) == 2 and h.refit is not None]
-        if not pairs or any(h.adequate for h in race.done):
+        pairs = [h for h in ranked(refits.done) if len(h.effects) == 2 and h.refit is not None]
+        if not pairs or any(h.adequate for h in refits.done):
             return []
         top = pairs[0]
         view = self._view(base, top)
@@ -187,7 +187,7 @@ class Task:
 
 
 @dataclass
-class Race:
+class Refits:
     """Refits by their evidence to first order. done: those that were made, of hypotheses `tried`, by label;
     best: the best of them, and view, its judged model."""
 

@@ -7,7 +7,7 @@ import numpy as np
 from tests.twin.diagnosis.toy import Toy, smooth_field, targets, toy_effect
 from twin.diagnosis.hypotheses import Hypothesis, Score
 from twin.diagnosis.refitting import refitted
-from twin.diagnosis.shortlist import Race, Task
+from twin.diagnosis.shortlist import Refits, Task
 from twin.targets import Array
 
 BASE, FIELDS = smooth_field(1), {name: smooth_field(10 + k) for k, name in enumerate(("alpha", "beta", "gamma"))}
@@ -42,8 +42,8 @@ def test_who_promised_as_much_as_the_best_did_is_refitted() -> None:
     """The best may have turned out better than it promised: so may others."""
     score = Score(evidence=338.0, delta_bic=341.0, size=18.0, law=0.0, p_value=1.0)
     best = Hypothesis(effects=EFFECTS[:1], hint=277.0, score=score)
-    race = Race(None, None, best=best)  # type: ignore[arg-type]
-    near = {hint: race._near(Hypothesis(effects=EFFECTS[1:2], hint=hint)) for hint in (272.0, 240.0, 230.0)}
+    refits = Refits(None, None, best=best)  # type: ignore[arg-type]
+    near = {hint: refits._near(Hypothesis(effects=EFFECTS[1:2], hint=hint)) for hint in (272.0, 240.0, 230.0)}
     assert near == {272.0: True, 240.0: True, 230.0: False}
 
 
@@ -51,17 +51,17 @@ def test_each_member_of_the_best_pair_is_tried_with_other_partners() -> None:
     t = targets(1.3 * BASE[0] + 0.3 * FIELDS["alpha"][0] + 0.3 * FIELDS["beta"][0], seed=0)
     task = Task(Toy({"base": BASE, **FIELDS}), EFFECTS, (), t, 0, lambda *a: None)  # type: ignore[arg-type]
     base = task.base(np.array([1.0]))
-    race, start = Race(task, base), {"base.C": 1.3, **{p.name: 0.1 for e in EFFECTS for p in e.parameters}}
+    refits, start = Refits(task, base), {"base.C": 1.3, **{p.name: 0.1 for e in EFFECTS for p in e.parameters}}
     task.signatures(base, EFFECTS)
-    race.refit(Hypothesis(effects=(EFFECTS[0], EFFECTS[2]), start=start))  # alpha and gamma, which is not there
-    rows = {frozenset(h.names): h for h in task._partners(base, race)}
+    refits.refit(Hypothesis(effects=(EFFECTS[0], EFFECTS[2]), start=start))  # alpha and gamma, which is not there
+    rows = {frozenset(h.names): h for h in task._partners(base, refits)}
     assert set(rows) == {frozenset(("alpha", "beta")), frozenset(("gamma", "beta"))}
     pair = rows[frozenset(("alpha", "beta"))]
-    race.refit(pair)
-    found = race.done[-1]
+    refits.refit(pair)
+    found = refits.done[-1]
     assert found.evidence is not None
     assert pair.hint > found.evidence - 6.0  # what it may reach is not promised short
-    assert race.best is found
+    assert refits.best is found
 
 
 @dataclass(frozen=True)
