@@ -18,7 +18,20 @@ ZERO = 1e-3
 
 
 class PressureGain(Effect):
-    """The gauge reads wrong by a constant factor: true pressure = (1 + gain) recorded."""
+    """The gauge reads wrong by a constant factor: true pressure = (1 + gain) recorded.
+
+    >>> from fe import Path
+    >>> clock = np.array([0.0, 1.0, 2.0])
+    >>> test = Test(None, Path(clock, 0.03 * clock, clock), np.zeros((0, 3)), np.zeros(0, bool))
+    >>> gauge = PressureGain()
+    >>> gauge.before(test, {"pressure_gain.gain": 0.1}).path.pressure  # MPa
+    array([0.   , 0.033, 0.066])
+    >>> absent = gauge.before(test, {"pressure_gain.gain": 0.0})  # at null the prediction equals the base's
+    >>> bool((absent.path.pressure == test.path.pressure).all())
+    True
+    >>> gauge.told({"pressure_gain.gain": -0.03})
+    'the pressure gauge reads too much: the pressure is 3 % lower'
+    """
 
     name, order = "pressure_gain", Order.GAUGE_GAIN
     sentence = "the pressure gauge reads wrong by a constant factor"

@@ -156,6 +156,9 @@ def richer(m: Material, added: Theta) -> Material:
     """A material with more of the terms C20 (I1 - 3)^2, C30 (I1 - 3)^3, C11 (I1 - 3) (I2 - 3) and
     C02 (I2 - 3)^2, by name, MPa.
 
+    >>> richer(Material(C10=0.2, C01=0.1), {"C20": 0.01}).shear == Material(C10=0.2, C01=0.1).shear
+    True
+
     The mixed one and that in I2 are written as terms of Ogden, by l1^-4 + l2^-4 + l3^-4 = I2^2 - 2 I1 and
     l1^6 + l2^6 + l3^6 = I1^3 - 3 I1 I2 + 3. None of them changes the shear modulus at rest.
     """

@@ -112,7 +112,7 @@ class Effect:
     >>> cable = Cable()
     >>> cable.label, [(p.name, p.null, p.unit) for p in cable.amplitudes]
     ('cable', [('cable.up', 0.0, 'N')])
-    >>> Cable.__mro__[1].lacks(cable, None), cable.wide()
+    >>> cable.lacks(None), cable.wide()  # it needs nothing of a structure, and has no wider law
     ('', None)
     """
 
