@@ -16,8 +16,8 @@ import numpy as np
 
 from fe import Case, Material, Path, solve
 from fe.case import digest
-from fe.engines.engine import Embedded
 from fe.element import Integers
+from fe.engines.engine import Embedded
 from fe.mesh.points import nearest
 from fe.mesh.refine import enriched
 from twin import effort
