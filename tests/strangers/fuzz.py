@@ -96,8 +96,8 @@ def _record(folder: Path, file: Path) -> None:
     """A record as stages use it."""
     from twin import files
     from twin.calibrated.caches import SolvedList
-    from twin.diagnosis.explanation import EvidenceRecord
     from twin.diagnosis.diagnosisrecord import DiagnosisRecord
+    from twin.diagnosis.explanation import EvidenceRecord
     from twin.inputs.camerarecord import stored_cameras
     from twin.judging.fitrecord import ComparisonRecord, FitRecord
     from twin.project.record import RunRecord

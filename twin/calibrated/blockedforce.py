@@ -14,8 +14,8 @@ import numpy as np
 from twin.calibrated.predictionerrors import Uncertain, told_by_film
 from twin.calibrated.predictions import HIGH, LOW, SAME, WantedCourse, followed, interval, why_none
 from twin.calibrated.problem import CalibrationProblem
-from twin.effects.standinforces import OutsideForce
 from twin.effects.protocol import Unsolvable
+from twin.effects.standinforces import OutsideForce
 from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.targets import Array, Targets

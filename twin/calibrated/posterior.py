@@ -23,14 +23,14 @@ from calibrate.parameters import Array, bounds
 from calibrate.posteriors import Chain, sampled, spread
 from calibrate.priors import Prior
 from twin.calibrated.profiles import Profiler
-from twin.judging.materialcurves import curve_jacobian, curve_residual
 from twin.judging.fitting import ModelErrors
 from twin.judging.likelihood import priors_of
+from twin.judging.materialcurves import curve_jacobian, curve_residual
 from twin.judging.whitening import Whitener
-from twin.model.rangedresponse import begun
-from twin.model.rangedresponse import spread as even
 from twin.model.keptmodel import KeptModel
 from twin.model.prediction import Model, Solved, Unsolvable
+from twin.model.rangedresponse import begun
+from twin.model.rangedresponse import spread as even
 from twin.model.response import Surrogate
 from twin.targets import Targets
 

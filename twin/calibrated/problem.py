@@ -20,16 +20,16 @@ from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect
 from twin.gravity import ways
+from twin.judging.fitrecord import MaterialTestsRow
 from twin.judging.jointfit import agreement
 from twin.judging.judged import Judged, judge, judge_fit
 from twin.judging.lawerrorlevels import with_laws
-from twin.judging.fitrecord import MaterialTestsRow
 from twin.laws.law import Constants, RubberLaw
 from twin.messages import Say
-from twin.model.keptmodel import base_model, base_test
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
 from twin.model.enginejobs import EngineJobs
 from twin.model.enginemodel import EngineModel
+from twin.model.keptmodel import base_model, base_test
 from twin.model.prediction import Model
 from twin.model.structure import Structure
 from twin.targets import Array, Targets
@@ -130,7 +130,7 @@ class CalibrationProblem:
         if self.jobs is not None:
             model = EngineModel.of(model, self.jobs)
         for label in self.labels if labels is None else labels:
-            added = effect(label, own=self.own_effects, law=self.law)
+            added = effect(label, users=self.own_effects, law=self.law)
             if lacking := added.lacks(self.case):
                 raise ValueError(
                     f"effect {label!r}: the model has {lacking}; wanted an effect that it can have: leave "

@@ -8,8 +8,7 @@ from fe.homogeneous import nominal_stress
 from tests.twin.conftest import plain_targets
 from twin.calibrated.predictionerrors import Uncertain, told_by_film
 from twin.judging.materialcurves import curve_jacobian
-from twin.model.keptmodel import base_model
-from twin.model.keptmodel import KeptModel
+from twin.model.keptmodel import KeptModel, base_model
 from twin.targets import MaterialCurve
 
 TRUE, STRAIN = np.array([0.2, 0.1]), np.linspace(0.05, 0.6, 12)
