@@ -16,6 +16,7 @@ from fe.kernel.assembly import Kernel
 from fe.kernel.pressure import PressureFaces
 from fe.mesh.convert import converted
 from fe.mesh.refine import enriched, free_faces, refined
+from tests.messages import saying
 
 TIP = 70001
 Tube = Callable[..., File]
@@ -149,10 +150,10 @@ def test_an_error_in_an_included_file_is_named_with_that_file(tube_deck: Tube, t
     deck = tube_deck(tmp_path, "C3D8H", cells=4)
     mesh = tmp_path / "mesh.inc"
     mesh.write_text(mesh.read_text().replace("*NODE, nset=Everything", "*Node, nset=Everything, system=C"))
-    with pytest.raises(ValueError, match=r"mesh.inc line 1: \*NODE, SYSTEM: not supported"):
+    with pytest.raises(ValueError, match=saying("mesh.inc", "1", r"\*NODE")):
         read_deck(deck)
     mesh.write_text("*Orientation, name=a\n" + mesh.read_text())
-    with pytest.raises(ValueError, match=r"\*ORIENTATION \(line 1 of .*mesh.inc\)"):
+    with pytest.raises(ValueError, match=saying(r"\*ORIENTATION", "1", "mesh.inc")):
         read_deck(deck)
 
 

@@ -14,6 +14,7 @@ from fe.deck.reader import read_deck
 from fe.deck.soundness import check_body
 from fe.mesh.convert import converted
 from fe.mesh.refine import free_faces
+from tests.messages import saying
 
 Tube = Callable[..., File]
 KINDS = ("C3D8H", "C3D10H", "C3D20RH")
@@ -138,7 +139,7 @@ def test_an_open_chamber_is_refused(tube_deck: Tube, tmp_path: File, kind: str) 
     x = case.nodes[case.face_nodes("chamber")].mean(axis=1)
     inner = int(np.argmax(x[:, 1]))  # away from the plane of symmetry
     holed = {**case.surfaces, "chamber": np.delete(case.surfaces["chamber"], inner, axis=0)}
-    with pytest.raises(ValueError, match=r"the pressurised surface 'chamber' is open: [34] edges belong to one face"):
+    with pytest.raises(ValueError, match=saying("'chamber'", "[34]")):
         check_body(replace(case, surfaces=holed), "tube.inp")
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.messages import saying, says
 from twin import cli
 from twin.bench.meshshapes import nearest_node, places_asked, poor_shapes, shape_csv, shape_table
 from twin.bench.positions import check_points
@@ -25,7 +26,7 @@ def test_the_nearest_surface_node_and_how_far_it_is(tube_deck: Tube, tmp_path: P
     place = structure.case.position(70001) + np.array([0.3, 0.4, 0.0])
     label, told = nearest_node(structure, place)
     assert label == 70001
-    assert "the nearest surface node is 70001 at (50, 4, 0) mm, 0.50 mm away. For this node write node = 70001" in told
+    says(told, "70001", "(50, 4, 0) mm", "0.50 mm", "node = 70001")
     inside = nearest_node(structure, np.array([25.0, 1.5, 1.0]))[0]  # in the chamber: the skin is the nearest
     assert inside in structure.case.labels[np.unique(structure.outside)]
 
@@ -55,9 +56,9 @@ def test_points_at_nodes_are_checked(tube_deck: Tube, tmp_path: Path) -> None:
     outer = set(structure.case.labels[np.unique(structure.outside)].tolist())
     assert chamber not in outer
     check_points([PointTable(name="tip", node=70001, position_mm=(50.0, 4.0, 1.0))], structure)
-    with pytest.raises(ValueError, match=r"points.tip.node = .*inside the finger, in its chamber .* `twin look --at"):
+    with pytest.raises(ValueError, match=saying("points.tip.node", "--at")):
         check_points([PointTable(name="tip", node=chamber)], structure)
-    with pytest.raises(ValueError, match=r"points.tip: node 70001 lies at \[50, 4, 0\] mm, 10.0 mm from its position_mm"):
+    with pytest.raises(ValueError, match=saying("points.tip", "70001", r"\[50, 4, 0\]", "10.0 mm", "position_mm")):
         check_points([PointTable(name="tip", node=70001, position_mm=(40.0, 4.0, 0.0))], structure)
     with pytest.raises(ValueError, match="node 4401: not in the model"):
         check_points([PointTable(name="tip", node=4401)], structure)

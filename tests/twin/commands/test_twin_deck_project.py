@@ -14,6 +14,7 @@ from fe.deck.reader import read_deck
 from fe.element import triangles
 from fe.kernel.assembly import Geometry
 from fe.mesh.refine import enriched
+from tests.messages import saying
 from twin import cli, virtual
 from twin.bench.workbench import structure_of
 from twin.drawing.deformed import deformed_picture, write_vtu_series
@@ -204,7 +205,7 @@ def test_of_two_materials_one_is_the_silicone(tube_deck: Tube, tmp_path: Path) -
     deck = two_materials(tube_deck(tmp_path, "C3D8H", cells=4))
     with pytest.raises(ValueError, match=r"several materials \(rest, paper\); wanted the element sets whose silicone"):
         of_deck(deck)
-    with pytest.raises(ValueError, match=r"model.silicone = 'glue': tube.inp has no \*SOLID SECTION of that name"):
+    with pytest.raises(ValueError, match=saying("model.silicone = 'glue'", "tube.inp", r"\*SOLID", "SECTION")):
         of_deck(deck, silicone=("glue",))
     found = of_deck(deck, silicone=("Rest",))
     changed = found.case.with_material(C10=0.3, C01=0.1).materials
@@ -221,7 +222,7 @@ def test_what_is_wrong_with_the_deck_of_a_project_is_one_sentence(
     with pytest.raises(ValueError, match=r"model.deck = 'raw/no.inp': no such file in"):
         structure_of(lost)
     odd = Project(batch, project.config.model_copy(update={"model": model.model_copy(update={"mesh": 3})}))
-    with pytest.raises(ValueError, match=r"model.mesh = 3: the elements of a deck are halved again and again; wanted 1, 2, 4"):
+    with pytest.raises(ValueError, match=saying("model.mesh = 3", "1", "2", "4")):
         structure_of(odd)
     deck = tube_deck(tmp_path, "C3D8H", cells=4)
     with pytest.raises(ValueError, match="--deck without --node"):
@@ -236,5 +237,5 @@ def test_what_is_wrong_with_the_deck_of_a_project_is_one_sentence(
         run("init", tmp_path / "new", "--deck", deck, "--node", "tip=900,0,0")
     assert not (tmp_path / "new").exists()
     deck.write_text(deck.read_text().replace("*Dsload\nTube-1.Chamber, P, 0.08\n", ""))
-    with pytest.raises(ValueError, match=r"tube.inp: no pressure; wanted \*DSLOAD with P"):
+    with pytest.raises(ValueError, match=saying("tube.inp", r"\*DSLOAD")):
         of_deck(deck)

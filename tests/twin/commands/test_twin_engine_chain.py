@@ -15,6 +15,7 @@ from fe.engines.abaqus import Abaqus
 from fe.engines.calculix import CalculiX
 from fe.engines.engine import EngineResult
 from fe.mesh.convert import converted
+from tests.messages import saying
 from tests.twin.conftest import Lines, plain_targets
 from twin import files
 from twin.bench.engines import engine_of, together_of
@@ -180,7 +181,7 @@ def test_compare_needs_no_job_and_other_stages_name_the_way_out(
     (root / "twin.toml").write_text(cpus, encoding="utf-8")
     assert fit_file(Project.open(root, builtin=STUB))  # how many processors a job has changes no figure
     (root / "twin.toml").write_text(text.replace('engine = "calculix"', 'engine = "embedded"'), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"\[model\] engine of twin.toml has changed since; run twin calibrate"):
+    with pytest.raises(ValueError, match=saying(r"\[model\]", "twin.toml", "twin calibrate")):
         run_compare(Project.open(root, builtin=STUB), say)
 
 

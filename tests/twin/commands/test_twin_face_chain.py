@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fe import Case, Lattice, Material
+from tests.messages import saying
 from tests.twin.conftest import page_text
 from twin import virtual
 from twin.bench.workbench import Workbench
@@ -112,7 +113,7 @@ def changed(project: Project, folder: Path, rows: slice, move: tuple[float, floa
 
 def test_a_face_point_off_its_place_is_found_by_compare(project: Project, tmp_path: Path) -> None:
     moved = changed(project, tmp_path / "off", slice(5, 6), (4.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match=r"stale: targets/targets\.toml has changed since; run twin calibrate"):
+    with pytest.raises(ValueError, match=saying(r"targets/targets\.toml", "twin calibrate")):
         run_compare(moved, Silent())
     run_calibrate(moved, Silent())
     told = run_compare(moved, Silent())
@@ -129,5 +130,5 @@ def test_points_beside_the_surface_are_taken_on_it(project: Project, tmp_path: P
     (said,) = bench.remarks
     assert said.startswith("3 of 7 points without a node lie up to 0.30 mm off the model (face00")
     assert Workbench.of(project).remarks == ()
-    with pytest.raises(ValueError, match=r"'face003' lies 0\.80 mm off the model, wanted at most 0\.5 mm.*y_mm in"):
+    with pytest.raises(ValueError, match=saying("'face003'", r"0\.80 mm", r"0\.5 mm", "y_mm")):
         Workbench.of(changed(project, tmp_path / "far", slice(2, 3), (0.0, 0.8, 0.0)))

@@ -12,6 +12,7 @@ import pytest
 
 from calibrate import Fit, Parameter
 from calibrate.posteriors import Chain
+from tests.messages import saying
 from twin.calibrated.posterior import Sample, WholeSolve
 from twin.commands import posterior
 from twin.commands.posterior import PosteriorRecord, RunKeeping
@@ -133,9 +134,9 @@ def test_what_a_bound_does_to_an_interval_is_said(draw: Callable[[np.random.Gene
 
 def test_what_cannot_be_asked_for_is_refused_before_anything_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
     project: Any = None
-    with pytest.raises(ValueError, match="--seed -1: wanted 0 or more"):
+    with pytest.raises(ValueError, match=saying("--seed", "-1", "0")):
         posterior.run_posterior(project, Told(), seed=-1)
-    with pytest.raises(ValueError, match="--steps 0: wanted 1 or more, of each walker at most"):
+    with pytest.raises(ValueError, match=saying("--steps", "0", "1")):
         posterior.run_posterior(project, Told(), steps=0)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "corner" else name)
     with pytest.raises(ValueError, match=r"needs corner: not installed; run pip install emcee corner"):

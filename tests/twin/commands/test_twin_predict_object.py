@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.messages import saying
 from twin.bench.workbench import Workbench
 from twin.calibrated.objectforce import RISE, Touched, beside, rising
 from twin.calibrated.predictions import WantedCourse
@@ -101,7 +102,7 @@ def test_every_shape_is_drawn(bench: Workbench, met: Touched, text: str) -> None
 
 
 def test_an_object_wants_a_pressure_or_a_course() -> None:
-    with pytest.raises(ValueError, match="--object: wanted --pressure or --course beside it"):
+    with pytest.raises(ValueError, match=saying("--object", "--pressure", "--course")):
         run_predict(Project.open(dataset("study")), lambda text: None, inverse=("tip.U3=-4",), object=ROD.text)  # type: ignore[arg-type]
 
 

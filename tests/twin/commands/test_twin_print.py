@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.messages import saying
 from twin import files
 from twin.commands.init import film_config
 from twin.commands.print import RULER, Item, layout, run_print
@@ -199,7 +200,7 @@ def test_dots_are_round_and_measure_what_is_said(pages_of):
 
 
 def test_what_cannot_be_printed_is_said(tmp_path):
-    with pytest.raises(ValueError, match="12 x 9 squares needs 54 markers, DICT_4X4_50 has 50"):
+    with pytest.raises(ValueError, match=saying("12", "9", "54", "DICT_4X4_50", "50")):
         run_print(make(tmp_path, columns=12, rows=9, square_mm=25.0, marker_mm=18.0), Lines())
     project = make(tmp_path, columns=9, rows=11, square_mm=25.0, marker_mm=18.0)
     with pytest.raises(
@@ -207,7 +208,7 @@ def test_what_cannot_be_printed_is_said(tmp_path):
     ):
         run_print(project, Lines())
     assert run_print(project, Lines(), paper="a3")["pages"] == 1
-    with pytest.raises(ValueError, match="--paper 'a5': wanted one of a4, letter, a3"):
+    with pytest.raises(ValueError, match=saying("--paper", "'a5'", "a4", "a3")):
         run_print(project, Lines(), paper="a5")
-    with pytest.raises(ValueError, match="marker 50 is not in DICT_4X4_50: it has ids 0 to 49"):
+    with pytest.raises(ValueError, match=saying("50", "DICT_4X4_50", "0", "49")):
         CodedMarker(50, 6.0).artwork("DICT_4X4_50")

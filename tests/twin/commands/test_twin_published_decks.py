@@ -15,6 +15,7 @@ import pytest
 from fe import Material, solve
 from fe.deck.reader import read_deck
 from fe.mesh.refine import enriched
+from tests.messages import saying, says
 from twin import cli, virtual
 from twin.bench.workbench import structure_of
 from twin.commands.init import run_init
@@ -43,7 +44,7 @@ def test_a_paper_layer_and_parts_are_read_shown_and_told(
 ) -> None:
     run("init", tmp_path / "batch", "--deck", deck["bellows"], *NAMED)
     told = " ".join(capsys.readouterr().out.split())
-    assert "The sheet set-1 (27 elements) is read as a layer on 54 faces of the solid." in told
+    says(told, "set-1", "(27 elements)", "54")
     assert "read at its largest value, 1" in told
     structure = structure_of(Project.open(tmp_path / "batch"))
     assert not structure.scales  # the paper's stiffness is no rubber's
@@ -134,7 +135,7 @@ def test_a_group_that_is_not_there_is_named_with_those_that_are(tmp_path: Path) 
     file = mesh_file(tmp_path / "a.msh")
     with pytest.raises(ValueError, match=r"no group of faces is called clamp or .*; it has Chamber, End; state --clamp-set"):
         deck_of(file, constants=(0.2, 0.1))
-    with pytest.raises(ValueError, match="no group of faces is called 'Hole'; it has Chamber, End; state --pressure-set"):
+    with pytest.raises(ValueError, match=saying("'Hole'", "--pressure-set")):
         deck_of(file, pressure_set="Hole", constants=(0.2, 0.1))
     (tmp_path / "b.msh").write_text("nothing of a mesh")
     with pytest.raises(ValueError, match=r"b\.msh: not a mesh that can be read"):
@@ -210,7 +211,7 @@ def test_a_second_solid_is_no_chamber(tmp_path: Path) -> None:
                        [("tetra", np.concatenate([cells, cells + len(mesh.points)]))])  # fmt: skip
     meshio.write(tmp_path / "b.vtk", both)
     text = deck_of(tmp_path / "b.vtk", clamp_set="xmin", pressure_set="chamber2", constants=(0.2, 0.1))
-    assert "groups silicone, chamber, chamber1, chamber2, xmin" in text
+    says(text, "chamber1", "chamber2")
     assert "chamber3" not in text
 
 

@@ -16,6 +16,7 @@ import pytest
 from calibrate import Fit, Parameter
 from fe import Case, solve
 from fe import Path as Course
+from tests.messages import saying
 from twin.commands.check import run_check
 from twin.commands.diagnose import run_diagnose
 from twin.commands.review import run_review
@@ -314,10 +315,10 @@ def test_why_the_two_searches_differ_is_said() -> None:
 
 def test_what_has_no_such_figures_is_refused_in_one_sentence(tmp_path: Path, short_builtin: BuiltIn) -> None:
     one = study_at(tmp_path / "one", ('objective_points = ["tip", "middle"]', 'objective_points = ["tip"]'))
-    with pytest.raises(ValueError, match=r"objective_points = \['tip'\]: figures 6a and 6b are of two points"):
+    with pytest.raises(ValueError, match=saying(r"objective_points = \['tip'\]", "6a", "6b")):
         run_study(Project.open(one, builtin=short_builtin), Silent())
     held = study_at(tmp_path / "held", ("fixed = {}", "fixed = {C10 = 0.2}"))
-    with pytest.raises(ValueError, match=r"model\.fixed holds C10: .* both must be free"):
+    with pytest.raises(ValueError, match=saying(r"model\.fixed", "C10")):
         run_study(Project.open(held, builtin=short_builtin), Silent())
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from fe import Case, Finger, Lattice, Material
 from tests.few import few
+from tests.messages import says
 from twin import virtual
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.diagnosisrecord import DiagnosisRecord
@@ -167,7 +168,7 @@ def test_without_a_log_history_is_not_testable(laboratory: Laboratory) -> None:
     asking = {"creep", "mullins", "pressure_lag", "time_shift", "gravity"}
     assert {name for name, note in notes.items() if note.startswith("not testable")} == asking
     assert "cannot be seen apart" in notes["pressure_gain"]  # C10 and C01 do the same
-    assert "Not testable here: creep, pressure_lag, mullins, time_shift (needs the pressure" in found.sentence
+    says(found.sentence, "pressure_lag", "time_shift")
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import vision
 import vision.film.series
 from fe import Finger, Lattice, Material, finger_case
 from fe.mesh.points import nearest
+from tests.messages import saying
 from tests.twin.commands.test_twin_measure import FPS, Lines, displacements, edit, log_text, measured, project  # noqa: F401
 from twin import files
 from twin.commands.camera import run_camera
@@ -215,7 +216,7 @@ def test_each_film_is_relative_to_its_own_rest():
 
 def test_films_of_one_log_must_not_overlap():
     a, b = film("a", sd=0.01), film("b", sd=0.01, start=5.0)
-    with pytest.raises(ValueError, match=r"films 'a' and 'b' overlap on the clock of a\.csv"):
+    with pytest.raises(ValueError, match=saying("'a'", "'b'", r"a\.csv")):
         joined([a, replace(b, log="a.csv")])
     t, rows = joined([a, replace(film("b", sd=0.01, start=50.0), log="a.csv")])
     assert [row.shift_s for row in rows] == [0.0, 0.0]

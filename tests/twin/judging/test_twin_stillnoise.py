@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.messages import saying
 from twin.judging.stillnoise import holds, stated_noise, still_noise
 from twin.project.targetfiles import read_targets
 from twin.targets import Array
@@ -51,7 +52,7 @@ def test_what_says_too_little_of_the_noise_is_refused() -> None:
     value = drawn(sd=0.02, rho=0.0)
     with pytest.raises(ValueError, match="1 rests or holds leave 16 free values of each component, wanted 30"):
         still_noise(value, PRESSURE, ((0, 19),))
-    with pytest.raises(ValueError, match=r"still_steps = \[0, 400\]: wanted .* from 0 to 399"):
+    with pytest.raises(ValueError, match=saying(r"still_steps = \[0, 400\]", "0", "399")):
         still_noise(value, PRESSURE, ((0, 400),))
     with pytest.raises(ValueError, match="0 rests or holds leave 0 free values"):
         still_noise(value[:50], np.linspace(0.0, 0.03, 50), "holds")

@@ -16,6 +16,7 @@ from fe.engines.course import over_pressure
 from fe.engines.engine import EngineResult
 from fe.engines.writer import deck
 from fe.mesh.convert import converted
+from tests.messages import saying
 from twin.effects.library import effect
 from twin.effects.protocol import Unsolvable
 from twin.laws.mooneyrivlin import NOMINAL, mooney_rivlin
@@ -281,7 +282,7 @@ def test_elements_that_lock_without_the_hybrid_ones_are_refused(
     at = tuple(float(x) for x in case.nodes[-1])
     points = (TargetPoint("tip", PointKind.PLACE, None, at), *make_targets().points[2:])
     base = base_model(take(make_targets(), points), case)
-    with pytest.raises(ValueError, match=r"CalculiX cannot solve this finger: elements C3D8H: .* mesh it with C3D20R;"):
+    with pytest.raises(ValueError, match=saying("CalculiX", "C3D8H", "C3D20R")):
         EngineModel.of(base, EngineJobs(CalculiX(), "", Kept(), tmp_path))
     assert EngineModel.of(base, EngineJobs(Abaqus(), "", Kept(), tmp_path)).jobs.engine.name == "Abaqus"
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.messages import saying, says
 from tests.strangers.received import with_path
 from twin import cli, files
 from twin.batches.former import former_of
@@ -50,7 +51,7 @@ def test_a_program_runs_only_once_it_is_trusted(folder: Path, capsys: pytest.Cap
         own_of(Project.open(folder))
     assert not ran.exists()
     run("trust", "-p", folder)
-    assert "effects/fan.py: a program of 5 lines" in capsys.readouterr().out
+    says(capsys.readouterr().out, "effects/fan.py", "5")
     assert [e.name for e in own_of(Project.open(folder))] == ["fan"]
     assert ran.exists()
 
@@ -81,7 +82,7 @@ def test_a_program_that_is_a_link_out_of_the_folder_never_runs(folder: Path) -> 
     (folder / "effects" / "fan.py").rename(folder.parent / "fan.py")
     (folder / "effects" / "fan.py").symlink_to(folder.parent / "fan.py")
     for work in (lambda: Project.open(folder), lambda: run("trust", "-p", folder)):  # no dead end: both say the way out
-        with pytest.raises(ValueError, match=r"effects/fan.py lies outside the project folder, in .*fan.py; copy it into effects/"):
+        with pytest.raises(ValueError, match=saying("effects/fan.py", "fan.py")):
             work()
     assert trust.trusted() == {}
     assert not ran.exists()
@@ -90,7 +91,7 @@ def test_a_program_that_is_a_link_out_of_the_folder_never_runs(folder: Path) -> 
 def test_a_file_named_on_the_command_line_is_trusted(folder: Path) -> None:
     ran = with_program(folder)
     project = Project.open(folder)
-    with pytest.raises(ValueError, match=r"other.py: not an effect file of this project, which has effects/fan.py"):
+    with pytest.raises(ValueError, match=saying("other.py", "effects/fan.py")):
         named_effect(project, "other.py")
     assert not ran.exists()
     assert named_effect(project, "creep") == "creep"
@@ -125,7 +126,7 @@ def test_a_link_of_twin_toml_is_followed_once_it_is_trusted(
     (folder.parent / "secret.csv").write_text("a word that nobody may see\n")
     (folder / "raw" / "pressure.csv").symlink_to(folder.parent / "secret.csv")
     (folder / "twin.toml").write_text(TOML + '[pressure]\nfile = "raw/pressure.csv"\n')
-    with pytest.raises(ValueError, match=r"raw/pressure.csv is a link to .*secret.csv, outside .* `twin trust -p .*batch`") as told:
+    with pytest.raises(ValueError, match=saying("raw/pressure.csv", "secret.csv")) as told:
         Project.open(folder)
     assert "nobody" not in str(told.value)
     run("trust", "-p", folder)
@@ -210,7 +211,7 @@ def test_a_former_batch_elsewhere_is_read_once_it_is_trusted(folder: Path, capsy
     (folder / "twin.toml").write_text(TOML + '[project]\nlike = "../beside"\n')
     assert former_of(Project.open(folder)).root == folder.parent / "beside"
     (folder / "twin.toml").write_text(TOML + '[project]\nlike = "../private/other"\n')
-    with pytest.raises(ValueError, match=r"\.\./private/other is the former batch in .*private/other, .*`twin trust -p .*batch`"):
+    with pytest.raises(ValueError, match=saying(r"\.\./private/other", "private/other")):
         Project.open(folder)
     run("trust", "-p", folder)
     assert "../private/other: the former batch in" in capsys.readouterr().out

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
+from tests.messages import saying
 from twin.review.recording import encode_av1, write_review
 from twin.review.scene import RAMP, colours
 from twin.review.states import Fields, Generations
@@ -267,14 +268,14 @@ def test_histories_come_back_equal_and_hold_no_pickle(tmp_path: Path) -> None:
         )
         assert type(again) is type(stored)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["fields.npz", "generations.npz"]
-    with pytest.raises(ValueError, match=r"fields.npz: .*it has no array 'generation'"):
+    with pytest.raises(ValueError, match=saying("fields.npz", "'generation'")):
         Generations.load(tmp_path / "fields.npz")
 
 
 def test_a_pickle_inside_a_history_is_not_read(tmp_path: Path) -> None:
     stored = {**vars(along_film(history(), times=TIMES)), "pressure": np.array([{}, None], dtype=object)}
     np.savez(tmp_path / "fields.npz", **stored)
-    with pytest.raises(ValueError, match=r"fields.npz: .*pressure.npy holds object: wanted numbers, .* no pickle"):
+    with pytest.raises(ValueError, match=saying("fields.npz", "pressure.npy")):
         Fields.load(tmp_path / "fields.npz")
 
 
@@ -291,7 +292,7 @@ def test_a_history_with_an_array_of_another_kind_names_the_file(tmp_path: Path, 
 
 def test_arrays_that_do_not_fit_each_other_are_refused() -> None:
     data = vars(history())
-    with pytest.raises(ValueError, match=r"Generations.u has shape \(3, 9, 3\), wanted \(4, 9, 3\)"):
+    with pytest.raises(ValueError, match=saying("Generations.u", r"\(3, 9, 3\)", r"\(4, 9, 3\)")):
         Generations(**{**data, "u": data["u"][:3]})
     with pytest.raises(ValueError, match="names node 9, but there are 9 nodes"):
         Generations(**{**data, "triangles": SIDES + 2})

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.messages import saying
 from twin.effects.material import Elasticity
 from twin.laws.mooneyrivlin import mooney_rivlin
 from twin.model.loadpaths import LoadPaths, Turned
@@ -118,7 +119,7 @@ def test_points_that_move_along_another_axis_are_not_searched_by_their_noise(
     value = t.value.copy()
     value[3, :2] = [[0.1, -1.1, 0.02], [0.0, -0.4, -0.01]]  # sds are 0.01 mm
     aside = replace(t, value=value)
-    with pytest.raises(ValueError, match=r"tip, middle hardly move in U3, but in U2, .*write objective_component = 2"):
+    with pytest.raises(ValueError, match=saying("U3", "U2", "objective_component = 2")):
         Objective.of(aside, ("tip", "middle"), 2)
     assert Objective.of(aside, ("tip", "middle"), 1).component == 1
     value[3, :2, 2] = [0.2, 0.1]  # little beside the other, and seen well
@@ -130,6 +131,6 @@ def test_a_point_that_is_not_seen_then_is_named(make_targets: Callable[..., Targ
     value, valid = t.value.copy(), t.valid.copy()
     value[3, 1, 2], valid[3, 1, 2] = np.nan, False
     lost = replace(t, value=value, valid=valid)
-    with pytest.raises(ValueError, match=r"point 'middle' has no U3 at step 3, .* objective_points"):
+    with pytest.raises(ValueError, match=saying("'middle'", "U3", "3", "objective_points")):
         Objective.of(lost, ("tip", "middle"), 2)
     assert Objective.of(lost, ("tip",), 2).rows.tolist() == [0]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.messages import says
 from tests.pulls import band
 from vision import Board, Camera, calibrate_camera
 from vision.boards.board import BoardView
@@ -149,7 +150,7 @@ def test_real_chessboards(shared_data: Path) -> None:
     # Who counts squares in place of corners is understood, and told so.
     squares = calibrate_camera(paths, Chessboard(columns=10, rows=7, square_mm=25.0))
     np.testing.assert_allclose(squares.matrix, camera.matrix, rtol=1e-6)  # refined from other first guesses
-    assert "columns = 10, rows = 7 were read as squares" in squares.remarks[0]
+    says(squares.remarks[0], "columns = 10", "rows = 7")
 
 
 def test_gates(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.messages import saying
 from vision import Board, Camera, calibrate_camera
 from vision.boards.charuco import CharucoBoard
 from vision.drawing import synthetic
@@ -99,7 +100,7 @@ def test_a_limit_on_the_reprojection_error(drawn: list[Path]) -> None:
 
 @pytest.mark.slow
 def test_the_dictionary_that_would_fit_is_named(drawn: list[Path]) -> None:
-    with pytest.raises(ValueError, match=r"DICT_4X4_50 finds 0, DICT_5X5_50 finds \d\d"):
+    with pytest.raises(ValueError, match=saying("DICT_4X4_50", "0", "DICT_5X5_50")):
         calibrate_camera(drawn, replace(BOARD, dictionary="DICT_4X4_50"))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.messages import saying
 from vision.drawing.overlays import CENTRE, GONE, PATH, SPREAD, farthest, overlay
 from vision.following.tracks import Method, Tracks
 
@@ -69,5 +70,5 @@ def test_the_picture() -> None:
 
 
 def test_a_film_that_has_changed() -> None:
-    with pytest.raises(ValueError, match=r"film\.mkv does not show frame 12: it has changed"):
+    with pytest.raises(ValueError, match=saying(r"film\.mkv", "12")):
         overlay(film(5), tracks())

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.messages import says
 from tests.pulls import band
 from vision import Camera, Displacements, Mark, Stated
 from vision.errors.codingvariance import Codec
@@ -276,7 +277,7 @@ def test_frame_marks_that_contradict_what_is_stated_are_said_and_count() -> None
     off, zero = np.zeros((len(marks), 2)), np.zeros((len(marks), 2))
     off[1] = 1.5  # one frame mark's place is mistyped
     result, _ = measured(Drawn(marks, off * frame[:, None], zero, zero), replace(TINY, frame_mm=0.05), 0)
-    assert "off their stated places, 'frame1' most; stated is 0.05 mm (frame_sd_mm)" in result.remarks[0]
+    says(result.remarks[0], "'frame1'", "0.05 mm", "(frame_sd_mm)")
     said, _ = measured(
         Drawn(marks, 0.05 * rng.standard_normal((len(marks), 2)) * frame[:, None], zero, zero),
         replace(TINY, frame_mm=0.05),

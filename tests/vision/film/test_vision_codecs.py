@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.messages import saying
 from vision import Video
 from vision.film.series import open_film
 
@@ -213,7 +214,7 @@ def test_pictures_that_are_no_film(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"frame2.png cannot be read"):
         list(open_film(folder, fps=10.0).frames())
     assert cv2.imwrite(str(folder / "frame2.png"), np.zeros((10, 20), dtype=np.uint8))
-    with pytest.raises(ValueError, match=r"frame2.png has 20 x 10 px, frame1.png has 96 x 64"):
+    with pytest.raises(ValueError, match=saying("frame2.png", "20", "10 px", "frame1.png", "96", "64")):
         list(open_film(folder, fps=10.0).frames())
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match="holds no picture"):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.messages import saying
 from tests.pulls import band
 from vision import Camera, Displacements, Video, View, measure
 from vision.calibration.rig import OWN, Rig
@@ -277,7 +278,7 @@ def test_views_must_be_those_of_the_rig(pair: Pair) -> None:
         measured(pair, views=pair.views[:1])
     with pytest.raises(ValueError, match=r"2 views for 1 cameras.* several cameras need a rig"):
         measure(pair.views, pair.lab.marks)
-    with pytest.raises(ValueError, match=r"view 1 has another camera .* wanted rig\.cameras\[0\]"):
+    with pytest.raises(ValueError, match=saying("1", r"rig\.cameras\[0\]")):
         measured(pair, views=pair.views[::-1])
     with pytest.raises(ValueError, match="a speckled face is measured by one camera"):
         measured(pair, face=Face((0.0, -40.0), (80.0, -10.0), 12.0, 10.0, 9.0))
