@@ -103,8 +103,24 @@ class PlainDot:
         return Texture(np.asarray(np.clip(edge + 0.5, 0.0, 1.0), dtype=np.float64), texels_per_mm)
 
 
+class _Unprinted:
+    """A kind of mark that is neither printed nor drawn; it turns and stretches with the surface."""
+
+    shows_turn = True
+    stretches = True
+    refusal = ""  # the sentence for those who would print it
+
+    def artwork(self, dictionary: str) -> Artwork:
+        """Raises ValueError: there is no sheet."""
+        raise ValueError(self.refusal)
+
+    def texture(self, texels_per_mm: float, dictionary: str) -> Texture:
+        """Raises ValueError: it is a part of the face's picture."""
+        raise ValueError(f"{self.refusal}; to draw a film, draw the face")
+
+
 @dataclass(frozen=True)
-class TexturePatch:
+class TexturePatch(_Unprinted):
     """A square of texture, its side size_mm, by where the frame marks see it in the film's first picture.
 
     It is registered like a coded marker, to its own mean picture at rest; it turns and stretches with the
@@ -113,30 +129,12 @@ class TexturePatch:
 
     size_mm: float
     seen_mm: tuple[float, float]  # mm, x and z of its middle in the frame marks' plane
-    shows_turn = True
-    stretches = True
-
-    def artwork(self, dictionary: str) -> Artwork:
-        """Nothing: raises ValueError."""
-        raise ValueError("a natural feature is not printed: it is on the finger already")
-
-    def texture(self, texels_per_mm: float, dictionary: str) -> Texture:
-        """Nothing: raises ValueError."""
-        raise ValueError("a natural feature is not drawn as a mark: draw the face")
+    refusal = "a natural feature is not printed: it is on the finger already"
 
 
 @dataclass(frozen=True)
-class FacePoint:
+class FacePoint(_Unprinted):
     """A square of speckles, its side size_mm; it turns and stretches with the face."""
 
     size_mm: float
-    shows_turn = True
-    stretches = True
-
-    def artwork(self, dictionary: str) -> Artwork:
-        """Nothing: raises ValueError."""
-        raise ValueError("a point of the speckled face is not printed: spray the speckles on")
-
-    def texture(self, texels_per_mm: float, dictionary: str) -> Texture:
-        """Nothing: raises ValueError."""
-        raise ValueError("a point of the speckled face is not drawn as a mark: draw the face")
+    refusal = "a point of the speckled face is not printed: spray the speckles on"

@@ -49,8 +49,13 @@ def rows_of(marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
     >>> codes_of(marks)
     {0: 0, 1: 1, 2: 2}
     """
-    frame = [p for p, mark in enumerate(marks) if mark.role == "frame"]
+    frame = with_role(marks, "frame")
     return frame, [p for p in range(len(marks)) if p not in frame]
+
+
+def with_role(marks: Sequence[Mark], role: str) -> list[int]:
+    """Rows of the marks with a role."""
+    return [p for p, mark in enumerate(marks) if mark.role == role]
 
 
 def frame_places(marks: Sequence[Mark]) -> Array:

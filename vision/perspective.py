@@ -39,12 +39,8 @@ def viewpoint(camera: Camera, homography: Array) -> Viewpoint:
     if not len(finite):
         return Viewpoint(np.full(2, np.nan), np.nan)
     columns = np.linalg.inv(camera.matrix) @ finite
-    columns = (
-        columns
-        / np.sqrt(np.linalg.norm(columns[..., 0], axis=1) * np.linalg.norm(columns[..., 1], axis=1))[
-            :, None, None
-        ]
-    )
+    lengths = np.linalg.norm(columns[..., :2], axis=1)
+    columns = columns / np.sqrt(lengths[:, 0] * lengths[:, 1])[:, None, None]
     columns = columns * np.sign(columns[:, 2:, 2:])  # the plane lies before the camera
     across = np.cross(columns[..., 0], columns[..., 1])  # ex x ez = -ey
     turn = np.stack([columns[..., 0], columns[..., 1], across], axis=-1)

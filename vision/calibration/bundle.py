@@ -30,13 +30,8 @@ class Shot:
 
     def only(self, rows: NDArray[np.intp]) -> "Shot":
         """The shot with some of its corners."""
-        return replace(
-            self,
-            points=self.points[rows],
-            pixels=self.pixels[rows],
-            speed=self.speed[rows],
-            acceleration=self.acceleration[rows],
-        )
+        parts = {k: getattr(self, k)[rows] for k in ("points", "pixels", "speed", "acceleration")}
+        return replace(self, **parts)
 
 
 @dataclass(frozen=True)
@@ -138,12 +133,8 @@ def _instants(
     for key, pose in poses.items():
         here = [v for v in shots if v.instant == key]
         m = 2 * sum(len(v.points) for v in here)
-        shared, slope, weight, residual = (
-            np.zeros((m, theta.size)),
-            np.zeros((m, 6)),
-            np.zeros((m, m)),
-            np.zeros(m),
-        )
+        shared, slope = np.zeros((m, theta.size)), np.zeros((m, 6))
+        weight, residual = np.zeros((m, m)), np.zeros(m)
         for v, rows in _rows(here):
             pixels, to_camera, slope[rows] = project(theta[v.camera], pose[:3], pose[3:], v.points)
             residual[rows] = (v.pixels - pixels).ravel()
@@ -160,13 +151,9 @@ def _rows(shots: Sequence[Shot]) -> Iterator[tuple[Shot, slice]]:
 
 
 def _fit(
-    shots: Sequence[Shot],
-    theta: Array,
-    poses: Poses,
-    noise: CornerNoise,
-    columns: NDArray[np.intp],
+    shots: Sequence[Shot], theta: Array, poses: Poses, noise: CornerNoise, columns: NDArray[np.intp],
     square_mm: float,
-) -> tuple[Array, Poses, Array]:
+) -> tuple[Array, Poses, Array]:  # fmt: skip
     """Parameters, poses and the covariance of the free parameters, at the least squares."""
     inverse = np.empty(0)
     for _ in range(MAX_STEPS):

@@ -57,13 +57,8 @@ class Rig:
 
     def to_dict(self) -> dict[str, Any]:
         """The rig as plain lists and numbers, for a JSON file."""
-        return {
-            "cameras": [c.to_dict() for c in self.cameras],
-            "turn": self.turn.tolist(),
-            "shift": self.shift.tolist(),
-            "covariance": self.covariance.tolist(),
-            "remarks": list(self.remarks),
-        }
+        arrays = {key: getattr(self, key).tolist() for key in ("turn", "shift", "covariance")}
+        return {"cameras": [c.to_dict() for c in self.cameras], **arrays, "remarks": list(self.remarks)}
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> "Rig":

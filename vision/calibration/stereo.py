@@ -72,19 +72,11 @@ def _photographed(
     for c, paths in enumerate(images):
         for path in paths:
             seen = board.find(read_picture(Path(path), board, mirrored=c < len(mirrored) and mirrored[c]))
-            if len(seen) >= MIN_CORNERS:
-                seen = centred(seen, cameras[c])
-                still, instant = np.zeros(seen.pixels.shape), names.index(Path(path).name)
-                shots.append(
-                    Shot(
-                        camera=c,
-                        instant=instant,
-                        points=seen.points,
-                        pixels=seen.pixels,
-                        speed=still,
-                        acceleration=still,
-                    )
-                )
+            if len(seen) < MIN_CORNERS:
+                continue
+            seen, instant = centred(seen, cameras[c]), names.index(Path(path).name)
+            still = {"speed": np.zeros(seen.pixels.shape), "acceleration": np.zeros(seen.pixels.shape)}
+            shots.append(Shot(camera=c, instant=instant, points=seen.points, pixels=seen.pixels, **still))
     return shots
 
 

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from vision.camera import Array
 from vision.errors.staticnoise import CREEP, FAST, FAST_PX, PASSING, REST, SHAKEN
 from vision.following.markrotations import mean_seen
-from vision.marks import Mark
+from vision.marks import Mark, with_role
 
 Named = Mapping[str, Array]  # name to (s,p,3) mm
 # Where these numbers come from: docs/records/error-numbers.md
@@ -55,7 +55,7 @@ def placement(value: Array, marks: Sequence[Mark], turns: Array, sd: float) -> N
     turns: (s,p) rad from x towards z.
     """
     modes: dict[str, Array] = {}
-    for p in _finger(marks):
+    for p in with_role(marks, "finger"):
         for axis, field in zip("xz", _turned(turns[:, p]), strict=True):
             _add(modes, f"placement:{marks[p].owner}:{axis}", value, p, sd * field)
     return modes
@@ -69,7 +69,7 @@ def node(value: Array, marks: Sequence[Mark], turns: Array, sd: float) -> Named:
     turns: (s,p) rad.
     """
     modes: dict[str, Array] = {}
-    points, finger = np.array([mark.position for mark in marks]), _finger(marks)
+    points, finger = np.array([mark.position for mark in marks]), with_role(marks, "finger")
     for p in finger:
         along, across = _turned(turns[:, p])
         a, b = _beside(points, finger, p)
@@ -122,7 +122,7 @@ def redrawn(
     away = np.nan_to_num(np.hypot(off[..., 0], off[..., 1]))
     modes: dict[str, Array] = {}
     source = "codec" if coded_mm > 0.0 else "static"
-    for p in _finger(marks):
+    for p in with_role(marks, "finger"):
         top = int(np.argmax(away[:, p]))
         if away[top, p] <= FAST_PX:
             continue
@@ -251,10 +251,6 @@ def stacked(parts: Sequence[Named], seen: NDArray[np.bool_]) -> tuple[Array, tup
     for row, field in zip(result, fields.values(), strict=True):
         np.multiply(np.nan_to_num(field), seen[..., None], out=row)
     return result, tuple(fields)
-
-
-def _finger(marks: Sequence[Mark]) -> list[int]:
-    return [p for p, mark in enumerate(marks) if mark.role == "finger"]
 
 
 def _turned(turn: Array) -> tuple[Array, Array]:

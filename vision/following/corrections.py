@@ -45,9 +45,8 @@ def corrected(
         p, frames = _row(correction.mark, names), _frames(correction, film.time)
         if correction.does == "swap":
             q = _row(correction.other, names)
-            pair, back = [p, q], [q, p]
             for array in (warp, ideal, covariance, method, growth):
-                array[frames[:, None], pair] = array[frames[:, None], back]
+                array[frames[:, None], [p, q]] = array[frames[:, None], [q, p]]
         elif correction.does == "lost":
             warp[frames, p], ideal[frames, p], covariance[frames, p] = np.nan, np.nan, np.nan
             method[frames, p] = Method.LOST

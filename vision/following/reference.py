@@ -89,11 +89,7 @@ def _average(
 
     A single frame's patch, with which they are compared, is as noisy as they are: it leaves twice as much.
     """
-    total, count, match_sum = (
-        np.zeros((len(seed), 3, single.grid.shape[1])),
-        np.zeros(len(seed)),
-        np.zeros(len(seed)),
-    )
+    total, (count, match_sum) = np.zeros((len(seed), 3, single.grid.shape[1])), np.zeros((2, len(seed)))
     seen, lens = np.flatnonzero(np.isfinite(seed[:, 0, 0])), registration.lens_of(camera)
     for _, _, image in frames:
         warp, match = registration.register(image, lens, single, seed[seen], px_per_unit(seed[seen]), seen)

@@ -41,6 +41,9 @@ class Tracks:
     method: NDArray[np.int8]  # (t,p) of `Method`
 
 
+OF_MARKS = ("warp", "ideal", "covariance", "method", "growth")  # arrays (t,p,...) of `Followed`
+
+
 @dataclass(frozen=True, kw_only=True)
 class Followed:
     """One film, followed."""
@@ -64,13 +67,5 @@ def thinned(followed: Followed, steps: NDArray[np.intp]) -> Followed:
     """The tracks in some frames, which hold the reference."""
     if len(steps) == len(followed.time):
         return followed
-    return replace(
-        followed,
-        time=followed.time[steps],
-        warp=followed.warp[steps],
-        ideal=followed.ideal[steps],
-        covariance=followed.covariance[steps],
-        method=followed.method[steps],
-        growth=followed.growth[steps],
-        reference=np.searchsorted(steps, followed.reference),
-    )
+    chosen = {name: getattr(followed, name)[steps] for name in ("time", *OF_MARKS)}
+    return replace(followed, **chosen, reference=np.searchsorted(steps, followed.reference))

@@ -217,15 +217,10 @@ def _covariance(placed: Placed, there: NDArray[np.bool_]) -> Array:
 
 def _tracks(seen: Seen, marks: Sequence[Mark], rotation: Array) -> Tracks:
     film, names = seen.film, tuple(mark.name for mark in marks)
-    position = seen.camera.distort(film.ideal)
     return Tracks(
-        time=film.time,
-        names=names,
-        position=position,
-        covariance=film.covariance,
-        rotation=rotation,
-        method=film.method,
-    )
+        time=film.time, names=names, position=seen.camera.distort(film.ideal),
+        covariance=film.covariance, rotation=rotation, method=film.method,
+    )  # fmt: skip
 
 
 def _fewer(steps: int, frames: int) -> tuple[str, ...]:

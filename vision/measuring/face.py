@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,7 +20,7 @@ from vision.following import registration
 from vision.following.markrotations import mean_seen
 from vision.following.reference import MAX_REFERENCE
 from vision.following.subsetbias import Curvature, curvature_of, straightened
-from vision.following.tracks import Followed, Method
+from vision.following.tracks import OF_MARKS, Followed, Method
 from vision.kinds import FacePoint
 from vision.marks import Mark, linear_at_centre, px_per_unit, rows_of
 from vision.perspective import viewpoint
@@ -100,26 +101,15 @@ def smooth(image: Image) -> NDArray[np.float32]:
 
 
 def _joined(marks: Followed, face: Followed) -> Followed:
-    return replace(
-        marks,
-        warp=np.concatenate([marks.warp, face.warp], axis=1),
-        ideal=np.concatenate([marks.ideal, face.ideal], axis=1),
-        covariance=np.concatenate([marks.covariance, face.covariance], axis=1),
-        method=np.concatenate([marks.method, face.method], axis=1),
-        growth=np.concatenate([marks.growth, face.growth], axis=1),
-    )
+    pairs = {name: (getattr(marks, name), getattr(face, name)) for name in OF_MARKS}
+    both: dict[str, Any] = {name: np.concatenate(pair, axis=1) for name, pair in pairs.items()}
+    return replace(marks, **both)
 
 
 def _follow(
-    film: Video,
-    camera: Camera,
-    marks: Followed,
-    homography: Array,
-    face: Face,
-    height: float,
-    how: How,
+    film: Video, camera: Camera, marks: Followed, homography: Array, face: Face, height: float, how: How,
     stage: str,
-) -> Followed:
+) -> Followed:  # fmt: skip
     """The face's subsets in every frame."""
     view = viewpoint(camera, homography[marks.reference])
     half = 0.5 * face.subset_mm / (1.0 - height / view.distance)
@@ -185,14 +175,9 @@ def _local(centre: Array, half: float) -> Array:
 
 
 def _mean_patches(
-    film: Video,
-    lens: Array,
-    homography: Array,
-    centre: Array,
-    start: Array,
-    grid: Array,
+    film: Video, lens: Array, homography: Array, centre: Array, start: Array, grid: Array,
     reference: NDArray[np.intp],
-) -> Array:
+) -> Array:  # fmt: skip
     """Mean patches (p,3,n) of the reference frames, laid by each frame's own homography."""
     local = np.linalg.inv(homography[reference[0]]) @ start
     total, count = np.zeros((len(centre), 3, grid.shape[1])), 0

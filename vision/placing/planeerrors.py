@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
-from vision.marks import Mark
+from vision.marks import Mark, with_role
 from vision.perspective import MOST_FRAMES, Viewpoint, to_own_plane, viewpoint
 from vision.plane import fit_homography, to_plane
 
@@ -22,8 +22,8 @@ ON_RIG, AT_ONCE = 2, 0.5  # markers that are fixed and look changed, at least; a
 def height_modes(value: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float) -> dict[str, Array]:
     """Errors (s,p,3) mm from the marks' heights, known to sd_mm: each is off by u dh / distance."""
     modes: dict[str, Array] = {}
-    for p, mark in _fingers(marks):
-        mode = modes.setdefault(f"height:{mark.owner}", np.zeros(value.shape))
+    for p in with_role(marks, "finger"):
+        mode = modes.setdefault(f"height:{marks[p].owner}", np.zeros(value.shape))
         mode[:, p] = np.nan_to_num(value[:, p]) * sd_mm / view.distance
     return modes
 
@@ -39,8 +39,8 @@ def out_of_plane_modes(
     """
     modes: dict[str, Array] = {}
     share = bulge(value)
-    for p, mark in _fingers(marks):
-        mode = modes.setdefault(f"out_of_plane:{mark.owner}", np.zeros(value.shape))
+    for p in with_role(marks, "finger"):
+        mode = modes.setdefault(f"out_of_plane:{marks[p].owner}", np.zeros(value.shape))
         mode[:, p, ::2] = np.nan_to_num(
             (place[:, p] - view.foot) * (share[:, p] * sd_mm / view.distance)[:, None]
         )
@@ -154,7 +154,7 @@ def alarms(
         worst = int(np.argmax(score))
         if score[worst] > ALARM_SD:
             alarmed[p] = worst, float(shift[worst]), float(sd[worst])
-    rig = [p for p, mark in enumerate(marks) if mark.role == "fixed"]
+    rig = with_role(marks, "fixed")
     if len(of_rig := [p for p in rig if p in alarmed]) >= max(ON_RIG, AT_ONCE * len(rig)):
         return (_changed(alarmed, of_rig, time),)
     return tuple(_alarm(marks[p].name, float(time[k]), mm, sd, sd_mm) for p, (k, mm, sd) in alarmed.items())
@@ -200,7 +200,3 @@ def extrapolated(camera: Camera, ideal: Array, names: Sequence[str]) -> tuple[st
         f"{len(beyond)} markers move to where no board was photographed, {far!r} by {beyond[far]:.0f} px. "
         "The lens is extrapolated there: photograph the board there too.",
     )
-
-
-def _fingers(marks: Sequence[Mark]) -> list[tuple[int, Mark]]:
-    return [(p, mark) for p, mark in enumerate(marks) if mark.role == "finger"]
