@@ -5,7 +5,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from calibrate.posteriors import Chain
 from fe import Case, Lattice, Material
 from fe import Path as Course
 from tests.messages import saying, says
+from tests.twin.conftest import Lines as Silent
 from tests.twin.conftest import page_text
 from twin import files, virtual
 from twin.bench.fits import fit_file
@@ -59,19 +60,6 @@ FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0
 BENCH = virtual.Bench(film_hz=3.5, gauge_sd_MPa=3e-4, sd=0.005)
 NAMES, X = ("p1", "p2", "middle", "p4", "tip"), np.array([9.556, 15.111, 4 + 50 / 3, 31.778, 10 + 100 / 3])
 GENERATIONS = 4
-
-
-@dataclass
-class Silent:
-    """A `say` that keeps the lines."""
-
-    lines: list[str] = field(default_factory=list)
-
-    def __call__(self, text: str, /) -> None:
-        self.lines.append(text)
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        assert 0 <= done <= total, stage
 
 
 def project_at(folder: Path, case: Case, short: BuiltIn) -> Project:

@@ -9,6 +9,7 @@ import pytest
 
 from fe import Case, Lattice, Material
 from tests.messages import saying
+from tests.twin.conftest import Lines as Silent
 from tests.twin.conftest import page_text
 from twin import virtual
 from twin.bench.workbench import Workbench
@@ -30,19 +31,6 @@ FILM = ((0.0, 0.0), (2.0, 0.0), (5.0, 25.0), (6.0, 25.0))
 BENCH = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-5, ripple_MPa=0.0, sd=0.005, placement_sd_mm=0.02)
 # x and z mm on the flat edge of the side face, none of them at a node, in the order of x that the noise needs
 FACE = [(6.3, 0.9), (9.1, 2.1), (13.7, 0.4), (22.9, 1.7), (27.2, 0.8), (33.1, 2.2), (38.4, 1.3)]
-
-
-class Silent:
-    """A `say` that keeps the lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def __call__(self, text: str, /) -> None:
-        self.lines.append(text)
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        pass
 
 
 @pytest.fixture(scope="module")

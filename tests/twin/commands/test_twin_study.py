@@ -6,7 +6,7 @@ import json
 import re
 import shutil
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from calibrate import Fit, Parameter
 from fe import Case, solve
 from fe import Path as Course
 from tests.messages import saying
+from tests.twin.conftest import Lines as Silent
 from twin.commands.check import run_check
 from twin.commands.diagnose import run_diagnose
 from twin.commands.review import run_review
@@ -34,19 +35,6 @@ FIGURES = ("5a", "5b", "5c", "6a", "6b", "6c", "6d")
 NODES = {"tip": (10 + 100 / 3, 11.5, 0.0), "middle": (4 + 50 / 3, 11.5, 0.0)}
 TABLES = 2e-3  # of a displacement: the load paths are interpolated between five shares and along 61 pressures
 SVG = "{http://www.w3.org/2000/svg}"
-
-
-@dataclass
-class Silent:
-    """A `say` that keeps the lines."""
-
-    lines: list[str] = field(default_factory=list)
-
-    def __call__(self, text: str, /) -> None:
-        self.lines.append(text)
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        assert 0 <= done <= total, stage
 
 
 def study_at(folder: Path, *replaced: tuple[str, str]) -> Path:
