@@ -6,8 +6,10 @@ import io
 import json
 import math
 import os
+import platform
 import shlex
 import shutil
+import time
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,6 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from filelock import FileLock, Timeout
 from numpy.lib import format as npy
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel
@@ -22,6 +25,7 @@ from pydantic import BaseModel
 from twin.validation import checked
 
 MOST_BYTES = 4 * 2**30  # of the arrays of one file
+LOOKS, LOOK_S = 10, 0.05  # how often the name of the other command is looked for, and the time between, s
 AGAIN = "remove it and run its stage again"
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -253,3 +257,28 @@ def plain(data: Any) -> Any:
 def _from(file: Path, root: Path) -> str:
     """The path relative to the project, or the bare name of a file that lies elsewhere."""
     return file.relative_to(root).as_posix() if file.is_relative_to(root) else file.name
+
+
+@contextmanager
+def lock(path: Path, command: str) -> Iterator[None]:
+    """Hold the lock file while the block runs; ValueError says which command holds it already."""
+    owner = path.with_name(f"{path.name}.json")  # beside it: on some systems nobody can read a locked file
+    try:
+        with FileLock(path, blocking=False):
+            try:  # from before the file is there: an interrupt may come at once
+                write_json(owner, {"command": command, "process": os.getpid(), "host": platform.node()})
+                yield
+            finally:
+                owner.unlink(missing_ok=True)
+    except Timeout:
+        raise ValueError(f"{path}: {_who(owner)} is writing to this project; wait for it to end") from None
+
+
+def _who(owner: Path) -> str:
+    for _ in range(LOOKS):
+        try:
+            owner_data = read_json(owner)
+            return f"`twin {owner_data['command']}` (process {owner_data['process']} on {owner_data['host']})"
+        except (ValueError, KeyError, TypeError, OSError):  # one that has just begun is about to write it
+            time.sleep(LOOK_S)
+    return "another command"

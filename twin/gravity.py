@@ -1,4 +1,4 @@
-"""What acts in a recording beside the course of the pressure, and what that asks of the model.
+"""Gravity, loads and shares of the pressure in a recording, and the parts of a symmetric model they need.
 
 Gravity is an acceleration (3,) in mm/s2 in world axes. The targets state a direction for each block (one
 recording in one orientation), what hangs on the finger in it, and which of several chambers carry the
@@ -22,12 +22,16 @@ ON_PLANE = 1e-6  # mm
 
 
 def density(kg_m3: float) -> float:
-    """A density in tonne/mm3 from one in kg/m3."""
+    """A density in tonne/mm3 from one in kg/m3.
+
+    >>> density(1070.0)
+    1.07e-09
+    """
     return TONNE_PER_MM3 * kg_m3
 
 
 def of_targets(targets: Targets) -> Array:
-    """Gravity (3,) or (t, 3) mm/s2 at the times of the pressure log: that of the block whose steps are
+    """Gravity (3,) or (t, 3) mm/s2 at the times of the pressure log: of the block whose steps are
     nearest; zero where the targets state none."""
     if targets.gravity is None:
         return np.zeros(3)
@@ -38,13 +42,13 @@ def pulls_of(targets: Targets, position: Callable[[int], Array]) -> tuple[Array,
     """The places (h, 3) mm at which loads of the targets pull, and their forces (t, h, 3) N at the times of
     the pressure log. position(label) is that of a node. ValueError for a weight without gravity."""
     points = {point.name: point for point in targets.points}
-    at = [
+    positions = [
         points[load.at].place(position) if isinstance(load.at, str) else np.array(load.at)
         for load in targets.loads
     ]
-    if not at:
+    if not positions:
         return np.zeros((0, 3)), np.zeros((0, 3))
-    places, which = np.unique(np.array(at), axis=0, return_inverse=True)
+    places, which = np.unique(np.array(positions), axis=0, return_inverse=True)
     force = np.zeros((int(targets.block[-1]) + 1, len(places), 3))
     for load, k in zip(targets.loads, which.reshape(-1), strict=True):
         force[load.block, k] += force_of(load, targets)
@@ -58,14 +62,14 @@ def shares_of(targets: Targets, case: Case) -> tuple[tuple[str, ...], Array]:
         return (), np.zeros(0)
     faces = case.surfaces[case.pressurised].tolist() if case.pressurised else []
     loaded = {
-        name for name, own in case.surfaces.items()
-        if name != case.pressurised and len(own) and all(face in faces for face in own.tolist())
+        name for name, region in case.surfaces.items()
+        if name != case.pressurised and len(region) and all(face in faces for face in region.tolist())
     }  # fmt: skip
     for name in targets.shares:
         if name not in loaded:
-            wanted = ", ".join(sorted(loaded)) or "a deck with a pressure on each of several surfaces"
+            choices = ", ".join(sorted(loaded)) or "a deck with a pressure on each of several surfaces"
             raise ValueError(
-                f"pressure_shares: the model has no pressure on a surface {name!r}; wanted {wanted}"
+                f"pressure_shares: the model has no pressure on a surface {name!r}; wanted {choices}"
             )
     every = np.stack(list(targets.shares.values()), axis=1)
     return tuple(targets.shares), every[_block_of_log(targets)]
@@ -85,7 +89,7 @@ def force_of(load: Load, targets: Targets) -> Array:
 
 
 def _block_of_log(targets: Targets) -> Integers:
-    """The block (t,) that the times of the pressure log belong to: that of the nearest step."""
+    """The block (t,) of each time of the pressure log: of the nearest step."""
     last = np.flatnonzero(np.diff(targets.block))
     switch = (targets.time[last] + targets.time[last + 1]) / 2
     return np.searchsorted(switch, targets.log_time)
@@ -97,30 +101,34 @@ def ways(case: Case, path: Path) -> tuple[Array, Integers]:
     density."""
     every = path.outside_at(path.output)
     every[:, :3] *= is_heavy(case)
-    found, number = np.unique(every, axis=0, return_inverse=True)
-    return found, number.reshape(-1)
+    distinct, number = np.unique(every, axis=0, return_inverse=True)
+    return distinct, number.reshape(-1)
 
 
 def is_heavy(case: Case) -> bool:
-    """Whether any material of a case has a density."""
+    """True where any material of a case has a density."""
     return any(m.density for m in case.materials.values())
 
 
 def is_across(gravity: Array) -> bool:
-    """Whether a gravity (3,) has a part across the plane y = 0."""
+    """True for a gravity (3,) with a part across the plane y = 0.
+
+    >>> is_across(np.array([0.0, 9810.0, 0.0])), is_across(np.array([0.0, 0.0, -9810.0]))
+    (True, False)
+    """
     return bool(abs(gravity[1]) > ACROSS * np.linalg.norm(gravity))
 
 
 def pulls_across(path: Path) -> bool:
-    """Whether the gravity of a path has a part across the plane y = 0 at any time."""
+    """True where the gravity of a path has a part across the plane y = 0 at any time."""
     return any(is_across(g) for g in np.atleast_2d(path.gravity))
 
 
 def hangs_aside(case: Case, path: Path) -> bool:
-    """Whether a load of a path pulls across the plane of symmetry, or beside it, at any time."""
+    """True where a load of a path pulls across the plane of symmetry, or beside it, at any time."""
     pulls = path.pulls if path.pulls.ndim == 3 else path.pulls[None]
-    at = np.abs(path.places[:, AXIS] - middle_plane(case)) > ON_PLANE
-    return bool((pulls[..., AXIS] != 0).any() or (pulls != 0).any(axis=(0, 2))[at].any())
+    aside = np.abs(path.places[:, AXIS] - middle_plane(case)) > ON_PLANE
+    return bool((pulls[..., AXIS] != 0).any() or (pulls != 0).any(axis=(0, 2))[aside].any())
 
 
 def under(case: Case, path: Path) -> Case:

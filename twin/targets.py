@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class PointKind(StrEnum):
-    """What a target point is in the model; targets.toml has it as the point's role."""
+    """Kind of a target point in the model: its role in targets.toml."""
 
     FIXED = "fixed"  # a marker on the rig: it has no node and should show no displacement
     NODE = "finger"  # a marker on the finger, at a node of the mesh
@@ -55,26 +55,38 @@ class TargetPoint:
             )
 
     def place(self, position: Callable[[int], Array]) -> Array:
-        """Position (3,) mm in the model: that of its node, position(label), else its own; NaN if unstated."""
+        """Position (3,) mm in the model: of its node, position(label), else its own; NaN if unstated.
+
+        >>> TargetPoint("tip", PointKind.PLACE, position=(110.0, 11.5, 0.0)).place(lambda label: np.zeros(3))
+        array([110. ,  11.5,   0. ])
+        """
         if self.node is not None:
             return np.asarray(position(self.node), dtype=np.float64)
         return np.array(self.position or [math.nan] * 3, dtype=np.float64)
 
 
 def at_node(name: str, node: int, position: tuple[float, float, float] | None = None) -> TargetPoint:
-    """The target point of a marker at a node."""
+    """The target point of a marker at a node.
+
+    >>> at_node("tip", 17).kind
+    <PointKind.NODE: 'finger'>
+    """
     return TargetPoint(name, PointKind.NODE, int(node), position)
 
 
 def as_position(values: Array) -> tuple[float, float, float] | None:
-    """Position (3,) mm as a point keeps it; None where it is not stated (NaN)."""
+    """Position (3,) mm as a point keeps it; None where it is not stated (NaN).
+
+    >>> as_position(np.array([110.0, 11.5, 0.0])), as_position(np.full(3, np.nan))
+    ((110.0, 11.5, 0.0), None)
+    """
     x, y, z = (float(v) for v in values)
     return None if math.isnan(x + y + z) else (x, y, z)
 
 
 @dataclass(frozen=True)
 class Load:
-    """What hangs on the structure or pulls it during a whole block, beside its pressure and own weight.
+    """A weight or force on the structure during a whole block, beside its pressure and own weight.
 
     at: the name of a point, or a position (3,) mm, stress-free. One of weight_g, grams, which pull along the
     block's gravity, and force (3,) N in world axes.
@@ -95,7 +107,7 @@ class Load:
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """What `twin measure` learnt about the noise; diagnose only reads it."""
+    """Noise model of measured displacements; diagnose only reads it."""
 
     sd: Array  # (p,3) mm, static frames; NaN where a component is not observed
     rho: Array  # (p,3) correlation from frame to frame of the part that lasts
@@ -229,27 +241,45 @@ class Targets:
         return np.array([point.kind is kind for point in self.points], dtype=bool)
 
     def places(self, position: Callable[[int], Array]) -> Array:
-        """Positions (p,3) mm in the model; position(label) is that of a node."""
+        """Positions (p,3) mm in the model; position(label) gives a node's."""
         return np.array([point.place(position) for point in self.points])
 
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """The columns of targets.csv, one row for each step and point (s p,)."""
+        shape = self.value.shape[:2]
+        return {name: np.broadcast_to(cells(self), shape).ravel() for name, cells in COLUMNS.items()}
+
     def to_pandas(self) -> "pandas.DataFrame":
-        """One row for each step and point: block, time_s, pressure_MPa, point, u and sd in mm, valid."""
+        """The columns of targets.csv, one row for each step and point: time_s, point, u1_mm, sd1_mm, ..."""
         import pandas
 
-        sd = np.sqrt(np.diagonal(self.covariance, axis1=2, axis2=3))
-        steps, points = self.value.shape[:2]
-        table = {
-            "block": np.repeat(self.block, points), "time_s": np.repeat(self.time, points),
-            "pressure_MPa": np.repeat(self.pressure, points), "point": np.tile(self.names, steps),
-        }  # fmt: skip
-        for i in range(3):
-            table |= {f"u{i + 1}_mm": self.value[..., i].ravel(), f"sd{i + 1}_mm": sd[..., i].ravel()}
-        return pandas.DataFrame(table | {"valid": self.valid.any(axis=2).ravel()})
+        return pandas.DataFrame(self.columns())
 
     @property
     def has_log(self) -> bool:
-        """Whether the pressure between the steps was recorded; history effects need it."""
+        """True where the pressure between the steps was recorded; effects with a memory need it."""
         return not np.array_equal(self.log_time, self.time)
+
+
+def _displacement(i: int) -> Callable[[Targets], Array]:
+    return lambda t: np.asarray(t.value[..., i])
+
+
+def _sd(i: int) -> Callable[[Targets], Array]:
+    return lambda t: np.sqrt(np.where(np.isnan(t.value[..., i]), np.nan, t.covariance[..., i, i]))
+
+
+# Cells (s, p) of each column of targets.csv by its heading, which ends with the unit.
+COLUMNS: dict[str, Callable[[Targets], NDArray[Any]]] = {
+    "block": lambda t: t.block[:, None],
+    "step": lambda t: (np.arange(len(t.time)) - np.searchsorted(t.block, t.block))[:, None],  # in its block
+    "time_s": lambda t: t.time[:, None],
+    "pressure_MPa": lambda t: t.pressure[:, None],
+    "point": lambda t: np.array(t.names)[None],
+    **{f"u{i + 1}_mm": _displacement(i) for i in range(3)},
+    **{f"sd{i + 1}_mm": _sd(i) for i in range(3)},
+    "valid": lambda t: np.asarray(t.valid.any(axis=2)),
+}
 
 
 def least_known(noises: Sequence[Noise]) -> Noise:
@@ -258,11 +288,16 @@ def least_known(noises: Sequence[Noise]) -> Noise:
 
 
 def relative(field: Array, reference: NDArray[np.int64], rests: NDArray[np.int64]) -> Array:
-    """A field (s, ...) less its mean over the reference steps (r,) of the same rest, (s,) numbers."""
+    """A field (s, ...) less its mean over the reference steps (r,), within each rest, (s,) numbers.
+
+    >>> field = np.array([1.0, 3.0, 5.0, 10.0, 12.0])
+    >>> relative(field, np.array([0, 3]), np.array([0, 0, 0, 1, 1])).tolist()
+    [0.0, 2.0, 4.0, 0.0, 2.0]
+    """
     out = np.empty_like(field)
     for rest in np.unique(rests):
-        own = rests == rest
-        out[own] = field[own] - field[reference[rests[reference] == rest]].mean(axis=0)
+        of_rest = rests == rest
+        out[of_rest] = field[of_rest] - field[reference[rests[reference] == rest]].mean(axis=0)
     return out
 
 

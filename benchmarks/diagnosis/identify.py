@@ -44,9 +44,8 @@ from benchmarks.diagnosis.trialbench import (
 
 import numpy as np
 
-from twin.executors.chosen import current, using
 from twin.executors.clusters import on_cluster
-from twin.executors.local import Processes
+from twin.executors.local import Processes, current, using
 from twin.targets import Array
 from twin.virtual.hidden import KINDS, Kind
 

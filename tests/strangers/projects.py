@@ -161,7 +161,7 @@ def _short(folder: Path) -> None:
     from twin.marktables import PointTable
     from twin.model.structure import base_case
     from twin.project.config import CalibrateTable, Config, DiagnoseTable, ProjectTable
-    from twin.project.targetwriting import write_targets
+    from twin.project.targetfiles import write_targets
     from twin.project.toml import dump
 
     bench, mesh = virtual.Bench(film_hz=4.0, gauge_sd_MPa=3e-4, sd=0.005), _short_mesh()

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice
-from twin.executors.chosen import using
-from twin.executors.local import Serial
+from twin.executors.local import Serial, using
 from twin.model.structure import BuiltIn, base_case
 from twin.targets import Noise, PointKind, TargetPoint, Targets, at_node
 

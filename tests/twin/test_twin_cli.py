@@ -19,8 +19,7 @@ from tests.messages import says
 from twin import chain, cli, console, files
 from twin.commands import demo
 from twin.executors import clusters
-from twin.executors.chosen import current, using
-from twin.executors.local import Serial
+from twin.executors.local import Serial, current, using
 from twin.notebook import OpenedProject
 from twin.project.config import Config
 from twin.project.folder import Project, dataset

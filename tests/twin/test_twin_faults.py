@@ -18,8 +18,8 @@ import pytest
 from tests.few import few
 from tests.strangers import kills
 from twin import files
+from twin.files import lock
 from twin.project.folder import Project, dataset
-from twin.project.locks import lock
 
 # Python's own answer to an interrupt, which is a traceback, ends where the command's begins.
 ENTER = """if True:

@@ -15,8 +15,7 @@ from twin import notebook
 from twin.chain import STAGES
 from twin.commands.init import run_init
 from twin.effects.material import Elasticity
-from twin.executors.chosen import using
-from twin.executors.local import Serial
+from twin.executors.local import Serial, using
 from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
 from twin.formats.importtable import ImportTable
@@ -26,7 +25,7 @@ from twin.model.structure import BuiltIn
 from twin.notebook import OpenedProject
 from twin.project.config import CalibrateTable, Config, ModelTable
 from twin.project.folder import Project
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"

@@ -21,7 +21,7 @@ from twin.marktables import PointTable
 from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, ModelTable
 from twin.project.folder import Project
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "own-effect.md"

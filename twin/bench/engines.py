@@ -7,8 +7,7 @@ from fe.engines.abaqus import Abaqus
 from fe.engines.calculix import CalculiX
 from fe.engines.engine import Program
 from twin.calibrated.caches import FolderCache
-from twin.executors.chosen import current
-from twin.executors.local import Processes, Threads
+from twin.executors.local import Processes, Threads, current
 from twin.executors.protocol import Executor
 from twin.messages import Silent
 from twin.model.enginejobs import Done, EngineJobs, Together

@@ -9,8 +9,7 @@ import numpy as np
 from pydantic import RootModel, model_validator
 
 from twin import files
-from twin.executors.chosen import current
-from twin.executors.local import Serial
+from twin.executors.local import Serial, current
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.messages import Say

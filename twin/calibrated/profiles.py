@@ -16,7 +16,7 @@ from calibrate import Fit, least_squares, profile_likelihood
 from calibrate.fit import Jacobian, Residual
 from calibrate.profiles import LEVELS, Profile
 from twin.calibrated.problem import CalibrationProblem
-from twin.executors.chosen import current
+from twin.executors.local import current
 from twin.judging.fitting import ModelErrors, whitened
 from twin.judging.likelihood import SHARE, TOTAL, held
 from twin.laws.mooneyrivlin import NAMES

@@ -11,7 +11,7 @@ from twin.chain import STAGES, TARGETS, Stage, When
 from twin.coupons.pulltest import pull_tests
 from twin.gauge.pressurelog import Log
 from twin.inputs.films import OneFilm, films_of
-from twin.inputs.foreign import import_targets, said_of_targets
+from twin.inputs.recordings import import_targets, said_of_targets
 from twin.messages import Say
 from twin.project.cameratables import CameraTable
 from twin.project.config import EMBEDDED
@@ -111,8 +111,7 @@ def _log_line(project: Project) -> tuple[Log, str, tuple[str, ...]]:
     """The pressure log of the project's one film, what was read of it and what is odd in it; ValueError where
     it is not right, or shorter than the film."""
     from twin.gauge.pressurelog import check_lasts
-    from twin.inputs.pressure import gauge_of, said_of_log
-    from twin.inputs.recordings import log_of, pressure_table
+    from twin.inputs.recordings import gauge_of, log_of, pressure_table, said_of_log
     from vision.film.series import open_film
 
     pressure = pressure_table(project)

@@ -17,7 +17,7 @@ from twin.bench.explorationranges import asked_ranges
 from twin.calibrated.exploration import FieldResponse, FingerAnswer, VariedFinger, farthest, tasks_of
 from twin.commands.predict import pressure_of
 from twin.drawing.exploreplots import Coordinate, EffectPanel, draw_effects, draw_parallel
-from twin.executors.chosen import current
+from twin.executors.local import current
 from twin.experiments.designs import DesignKind, Variable
 from twin.experiments.designs import design as designed
 from twin.experiments.maineffects import MainEffects, levels_of, main_effects

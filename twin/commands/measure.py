@@ -20,14 +20,16 @@ from twin.gauge.synchrony import Join, Motion
 from twin.inputs.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.films import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
 from twin.inputs.filmtargets import make_targets, read_late, said_of_readout
-from twin.inputs.foreign import import_inputs, import_targets
-from twin.inputs.pressure import gauge_of, said_of_log
 from twin.inputs.recordings import (
     face_of,
+    gauge_of,
+    import_inputs,
+    import_targets,
     log_of,
     marks_of,
     measure_inputs,
     pressure_table,
+    said_of_log,
     stated_of,
     views_of,
 )
@@ -35,8 +37,7 @@ from twin.inputs.synchronisation import joining_of
 from twin.messages import Say
 from twin.project.folder import Project, Run
 from twin.project.record import SourceFilm, SourceRecord
-from twin.project.targetfiles import read_targets
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import read_targets, write_targets
 from twin.targets import Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it

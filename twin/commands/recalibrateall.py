@@ -12,11 +12,10 @@ from typing import Any
 
 from twin.batches.order import Opened, batches_in, holds_batches
 from twin.commands import recalibrate
-from twin.executors.chosen import current
-from twin.executors.local import Processes, Serial
+from twin.executors.local import Processes, Serial, current
+from twin.files import lock
 from twin.messages import Lines, Say
 from twin.project.folder import Project
-from twin.project.locks import lock
 
 
 def run_recalibrate(folder: Path, say: Say) -> dict[str, Any]:

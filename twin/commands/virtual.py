@@ -20,7 +20,7 @@ from twin.messages import Say, Silent
 from twin.model.objects import RigidObject
 from twin.model.structure import body_case
 from twin.project import toml
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.targets import Array, TargetPoint, Targets
 from twin.virtual.draws import NOISE, Setup, at_nodes, measured, plainness
 from twin.virtual.hidden import KINDS, Kind

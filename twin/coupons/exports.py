@@ -19,7 +19,7 @@ LARGEST = 200_000_000  # bytes: an hour at 1 kHz is a third of it
 
 @dataclass(frozen=True)
 class SoughtColumn:
-    """What is sought in an export: one column of some quantities, by its heading where twin.toml names it.
+    """A column to be found in an export: any of some quantities, by its heading where twin.toml names it.
 
     key: of twin.toml, for errors; unit: the one that twin.toml states, under unit_key.
     """
@@ -31,11 +31,11 @@ class SoughtColumn:
     unit_key: str = ""
 
     def among(self, headings: Sequence[str]) -> list[tuple[str, Quantity]]:
-        """The headings that may be meant, with what they are."""
+        """The headings that may be meant, each with its quantity."""
         if self.heading is None:
             return of_quantity(headings, self.quantities)
-        own = of_quantity([self.heading], self.quantities)
-        return [(self.heading, own[0][1] if own else self.quantities[0])] * headings.count(self.heading)
+        spoken = of_quantity([self.heading], self.quantities)
+        return [(self.heading, spoken[0][1] if spoken else self.quantities[0])] * headings.count(self.heading)
 
 
 @dataclass(frozen=True)
@@ -48,42 +48,43 @@ class ExportColumn:
 
 
 def read_export(
-    path: Path, wanted: Sequence[SoughtColumn], *, also: Sequence[SoughtColumn] = ()
+    path: Path, required: Sequence[SoughtColumn], *, also: Sequence[SoughtColumn] = ()
 ) -> list[ExportColumn | None]:
-    """The columns that are wanted, and those of `also` that are there, or None.
+    """The required columns, and the optional ones of `also`, None where one is missing.
 
     The header is the first line that has them all; lines above it, and one of units below it, are passed
     over. ValueError where no line has them, several columns may be meant, a unit is missing, or a cell is no
     number.
     """
-    sheet, units = _sheet(path, wanted)
-    found: list[ExportColumn | None] = []
-    for one in (*wanted, *also):
-        every = list(dict.fromkeys(one.among(sheet.header)))
+    sheet, units = _sheet(path, required)
+    columns: list[ExportColumn | None] = []
+    for sought in (*required, *also):
+        every = list(dict.fromkeys(sought.among(sheet.header)))
         if len(every) > 1 or (every and sheet.header.count(every[0][0]) > 1):
             names = " and ".join(repr(name) for name, _ in every)
-            raise ValueError(f"{path}: {names} may all be meant; say which with {one.key} = \"...\" in "
+            raise ValueError(f"{path}: {names} may all be meant; say which with {sought.key} = \"...\" in "
                              "[[material_tests]] of twin.toml")  # fmt: skip
-        found.append(_column(sheet, units, one, *every[0]) if every else None)
-    return found
+        columns.append(_column(sheet, units, sought, *every[0]) if every else None)
+    return columns
 
 
 def _column(
-    sheet: Sheet, units: dict[str, str], one: SoughtColumn, name: str, quantity: Quantity
+    sheet: Sheet, units: dict[str, str], sought: SoughtColumn, name: str, quantity: Quantity
 ) -> ExportColumn:
     where = f"{sheet.path}: column {name!r}"
-    factor = unit_of(name, quantity, below=units.get(name, ""), told=one.unit, where=where, key=one.unit_key)
+    factor = unit_of(name, quantity, below=units.get(name, ""), stated_unit=sought.unit,
+                     where=where, key=sought.unit_key)  # fmt: skip
     values = sheet.table((name,)).numbers(name, unit=f"a unit of {quantity}", most=1e9)
     return ExportColumn(name, quantity, np.asarray(factor * values, float))
 
 
-def _is_header(row: Sequence[str], wanted: Sequence[SoughtColumn]) -> bool:
-    """Whether a line has a column for each of what is wanted."""
-    each = [{name for name, _ in one.among(row)} for one in wanted]
-    return all(each) and len(set().union(*each)) >= len(wanted)
+def _is_header(row: Sequence[str], required: Sequence[SoughtColumn]) -> bool:
+    """True for a line with a heading for every required column."""
+    each = [{name for name, _ in sought.among(row)} for sought in required]
+    return all(each) and len(set().union(*each)) >= len(required)
 
 
-def _sheet(path: Path, wanted: Sequence[SoughtColumn]) -> tuple[Sheet, dict[str, str]]:
+def _sheet(path: Path, required: Sequence[SoughtColumn]) -> tuple[Sheet, dict[str, str]]:
     """The sheet below the header of an export, and the units by the headings."""
     text = _text(path)
     for separator in (";", "\t", ","):
@@ -93,16 +94,16 @@ def _sheet(path: Path, wanted: Sequence[SoughtColumn]) -> tuple[Sheet, dict[str,
         except csv.Error as error:
             raise ValueError(f"{path}, line {reader.line_num}: not a row of a CSV file ({error})") from None
         rows = [(line, row) for line, row in every if any(row)]
-        at = next((k for k, (_, row) in enumerate(rows) if _is_header(row, wanted)), None)
-        if at is not None:
-            return _below(path, rows[at:], separator)
-    what = " and ".join(_said(one) for one in wanted)
+        header_row = next((k for k, (_, row) in enumerate(rows) if _is_header(row, required)), None)
+        if header_row is not None:
+            return _below(path, rows[header_row:], separator)
+    what = " and ".join(_said(sought) for sought in required)
     raise ValueError(f"{path}: no line has headings of {what}; name the columns in [[material_tests]] of "
                      "twin.toml as they stand in the file")  # fmt: skip
 
 
-def _said(one: SoughtColumn) -> str:
-    return repr(one.heading) if one.heading is not None else " or ".join(one.quantities)
+def _said(sought: SoughtColumn) -> str:
+    return repr(sought.heading) if sought.heading is not None else " or ".join(sought.quantities)
 
 
 def _below(path: Path, rows: list[tuple[int, list[str]]], separator: str) -> tuple[Sheet, dict[str, str]]:

@@ -1,4 +1,4 @@
-"""What the headings of a tensile tester's export mean: which quantity a column has, and in which unit."""
+"""Quantity and unit of a column of a tensile tester's export, from its heading."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ WORDS: dict[Quantity, tuple[str, ...]] = {
 }
 _STRESS = {"MPa": 1.0, "N/mm2": 1.0, "N/mm^2": 1.0, "N/mm²": 1.0, "kPa": 1e-3, "Pa": 1e-6, "psi": 0.00689476,
            "bar": 0.1}  # fmt: skip
-# What one of each unit is in mm, N, MPa, s, or as a share.
+# Factor from each unit to mm, N, MPa, s, or a share.
 UNITS: dict[Quantity, dict[str, float]] = {
     "strain": {"%": 0.01, "1": 1.0, "mm/mm": 1.0, "m/m": 1.0, "-": 1.0},
     "stretch": {"1": 1.0, "mm/mm": 1.0, "m/m": 1.0, "-": 1.0, "%": 0.01},
@@ -28,43 +28,58 @@ UNITS: dict[Quantity, dict[str, float]] = {
 
 
 def speaks_of(heading: str, quantity: Quantity) -> bool:
-    """Whether a heading is one of a quantity: Tensile stress (MPa), Standardkraft [N], strain_percent."""
+    """True for a heading that names a quantity: Tensile stress (MPa), Standardkraft [N], strain_percent.
+
+    >>> speaks_of("Standardkraft [N]", "force"), speaks_of("Time (s)", "force")
+    (True, False)
+    """
     words = re.findall(r"[^\W\d_]+", heading.lower())
     return any(word.endswith(WORDS[quantity]) for word in words)
 
 
 def of_quantity(headings: Sequence[str], quantities: Sequence[Quantity]) -> list[tuple[str, Quantity]]:
-    """The headings that speak of one of some quantities, with that."""
+    """The headings that name any of some quantities, each with its quantity."""
     return [(name, q) for name in headings for q in quantities if speaks_of(name, q)]
 
 
 def own_unit(heading: str, quantity: Quantity, below: str = "") -> str:
-    """The unit that a heading states, or the cell below it; "" where neither does."""
-    stated = re.search(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$|(?:/|\bin)\s*(\S+)$|_([^\W_]+)$", heading.strip())
-    found = next((part for part in stated.groups() if part), "") if stated else ""
-    if found == "percent":
-        found = "%"
-    if found in UNITS[quantity]:
-        return found
+    """The unit that a heading states, or the cell below it; "" where neither does.
+
+    >>> own_unit("Tensile stress (MPa)", "stress"), own_unit("strain_percent", "strain")
+    ('MPa', '%')
+    >>> own_unit("Force", "force", below="[kN]")
+    'kN'
+    """
+    match = re.search(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$|(?:/|\bin)\s*(\S+)$|_([^\W_]+)$", heading.strip())
+    unit = next((part for part in match.groups() if part), "") if match else ""
+    if unit == "percent":
+        unit = "%"
+    if unit in UNITS[quantity]:
+        return unit
     return below.strip("[]() ") if below.strip("[]() ") in UNITS[quantity] else ""
 
 
-def unit_of(heading: str, quantity: Quantity, *, below: str, told: str | None, where: str, key: str) -> float:
-    """What one of a column's unit is in mm, N, MPa, s or as a share.
+def unit_of(
+    heading: str, quantity: Quantity, *, below: str, stated_unit: str | None, where: str, key: str
+) -> float:
+    """Factor from a column's unit to mm, N, MPa, s or a share.
 
-    below: the cell under the heading; told: the unit that twin.toml states under a key; where: how an error
-    names the column. ValueError where there is none, two that differ, or one that is none of the quantity.
+    below: the cell under the heading; stated_unit: of twin.toml, under a key; where: the column's name in an
+    error. ValueError without a unit, for two that differ, or for a unit of another quantity.
+
+    >>> unit_of("Force", "force", below="kN", stated_unit=None, where="pull.csv", key="stress_unit")
+    1000.0
     """
-    known: Mapping[str, float] = UNITS[quantity]
-    own = own_unit(heading, quantity, below)
-    wanted = ", ".join(known)
-    if told is not None and told not in known:
-        raise ValueError(f"{key} = {told!r}: wanted a unit of {quantity}, one of {wanted}")
-    if told is not None and own and known[own] != known[told]:
-        raise ValueError(f"{where} says {own}, {key} of twin.toml says {told}; wanted one unit: correct the "
-                         "heading or the key")  # fmt: skip
-    unit = told or own
+    factors: Mapping[str, float] = UNITS[quantity]
+    heading_unit = own_unit(heading, quantity, below)
+    units = ", ".join(factors)
+    if stated_unit is not None and stated_unit not in factors:
+        raise ValueError(f"{key} = {stated_unit!r}: wanted a unit of {quantity}, one of {units}")
+    if stated_unit is not None and heading_unit and factors[heading_unit] != factors[stated_unit]:
+        raise ValueError(f"{where} says {heading_unit}, {key} of twin.toml says {stated_unit}; wanted one "
+                         "unit: correct the heading or the key")  # fmt: skip
+    unit = stated_unit or heading_unit
     if not unit and quantity != "stretch":
-        raise ValueError(f"{where} has no unit of {quantity}: wanted one of {wanted}; write {key} = ... in "
+        raise ValueError(f"{where} has no unit of {quantity}: wanted one of {units}; write {key} = ... in "
                          "[[material_tests]] of twin.toml")  # fmt: skip
-    return known[unit or "1"]
+    return factors[unit or "1"]

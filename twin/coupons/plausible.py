@@ -1,4 +1,4 @@
-"""What is likely wrong with a test of the silicone: a unit, true stress, a preload."""
+"""Likely faults of a test of the silicone: a wrong unit, true stress, a preload."""
 
 from collections.abc import Mapping
 
@@ -17,17 +17,23 @@ OTHER = {"kPa read as MPa": 1e-3, "Pa read as MPa": 1e-6, "MPa read as kPa": 1e3
 
 
 def strain_fault(strain: Array) -> str:
-    """What is wrong with the largest strain of a test, "" where nothing is."""
+    """Fault of the largest strain of a test, "" without one.
+
+    >>> strain_fault(np.array([0.0, 0.5, 1.0]))
+    ''
+    >>> strain_fault(np.array([0.0, 50.0, 100.0]))
+    'the largest strain is 100 (1e+04 %); wanted 0.03 to 20; likely % read as a share, or mm read as strain'
+    """
     most = float(np.abs(strain).max())
     if LEAST <= most <= MOST:
         return ""
     likely = "a share read as %" if most < LEAST else "% read as a share, or mm read as strain"
-    wanted = f"wanted {LEAST:g} to {MOST:g}; likely {likely}"
-    return f"the largest strain is {most:.3g} ({100 * most:.3g} %); {wanted}"
+    advice = f"wanted {LEAST:g} to {MOST:g}; likely {likely}"
+    return f"the largest strain is {most:.3g} ({100 * most:.3g} %); {advice}"
 
 
 def stiffness_fault(strain: Array, stress: Array, kind: Kind) -> str:
-    """What is wrong with the shear modulus that the beginning of a curve shows, "" where nothing is."""
+    """Fault of the shear modulus (MPa) at the beginning of a curve, "" without one."""
     shear = beginning(strain, stress)[0] / SLOPES[kind]
     low, high = SHEAR_MPA
     if low <= shear <= high:
@@ -43,9 +49,9 @@ def stiffness_fault(strain: Array, stress: Array, kind: Kind) -> str:
 
 def preload_doubt(strain: Array, stress: Array, sd: Array) -> str:
     """A sentence where the beginning of a curve does not lead to 0 stress at 0 strain, "" where it does."""
-    _, offset, known = beginning(strain, stress)
+    _, offset, offset_sd = beginning(strain, stress)
     top = float(np.abs(stress).max())
-    if abs(offset) < max(0.03 * top, 3 * float(np.median(sd)), 3 * known):
+    if abs(offset) < max(0.03 * top, 3 * float(np.median(sd)), 3 * offset_sd):
         return ""
     return (
         f"its beginning leads to {offset:.2g} MPa at no strain, {abs(offset) / top:.0%} of the largest "
@@ -63,15 +69,15 @@ def beginning(strain: Array, stress: Array) -> tuple[float, float, float]:
         return float((x @ (sign * stress)) / (x @ x)), 0.0, 0.0
     y, scale = sign * stress[near], float(x[near].max())
     A = (x[near, None] / scale) ** np.arange(4)
-    found, *_ = np.linalg.lstsq(A, y, rcond=None)
-    left = float(((y - A @ found) ** 2).sum() / (len(y) - 4))
-    sd = float(np.sqrt(left * np.linalg.pinv(A.T @ A)[0, 0]))
-    return float(found[1] / scale), float(found[0]), sd
+    coefficients, *_ = np.linalg.lstsq(A, y, rcond=None)
+    variance = float(((y - A @ coefficients) ** 2).sum() / (len(y) - 4))
+    sd = float(np.sqrt(variance * np.linalg.pinv(A.T @ A)[0, 0]))
+    return float(coefficients[1] / scale), float(coefficients[0]), sd
 
 
 def true_stress_doubt(headings: Mapping[str, bool]) -> str:
-    """What is wrong where a heading speaks of a true or an engineering quantity and twin.toml says otherwise;
-    headings: whether each is to be read as true."""
+    """Contradiction between a heading that names a true or an engineering quantity and twin.toml, "" without
+    one. headings: True for each that is to be read as true."""
     for heading, true in headings.items():
         words = heading.lower()
         if ("true" in words or "log" in words.split()) and not true:

@@ -22,9 +22,9 @@ FEWEST = 4
 
 @dataclass(frozen=True, eq=False)
 class PullTest:
-    """A test of the silicone as it was recorded: nominal strain and stress (k,) MPa on its loading branch,
-    below 0 in compression; time (k,) s since the pull began, where it is known; rows of the file; what is to
-    be said of it."""
+    """A recorded test of the silicone: nominal strain and stress (k,) MPa on its loading branch, below 0 in
+    compression; time (k,) s since the pull began, None without a clock; number of rows of the file; remarks
+    for the user."""
 
     table: MaterialTestTable
     strain: Array
@@ -49,11 +49,11 @@ class PullTest:
             has = f"it has {len(branches)} loading branches"
             raise ValueError(f"{where}: cycle = {table.cycle}, but {has}; correct cycle")
         rows = branches[table.cycle - 1]
-        at = None if time is None or table.cycle > 1 else _begun(np.abs(strain[rows]), time.values[rows])
-        found = PullTest(table, strain[rows], stress[rows], at, len(strain), ())
-        if fault := stiffness_fault(found.strain, found.stress, table.specimen):
+        times = None if time is None or table.cycle > 1 else _begun(np.abs(strain[rows]), time.values[rows])
+        test = PullTest(table, strain[rows], stress[rows], times, len(strain), ())
+        if fault := stiffness_fault(test.strain, test.stress, table.specimen):
             raise ValueError(f"{where}: {fault}; correct the unit (stress_unit) or area_mm2")
-        return replace(found, remarks=tuple(_remarks(found, len(branches))))
+        return replace(test, remarks=tuple(_remarks(test, len(branches))))
 
     @property
     def stretches(self) -> Array:
@@ -62,7 +62,7 @@ class PullTest:
 
     @property
     def sentence(self) -> str:
-        """What was read of the test, in words."""
+        """One sentence on the rows, the strain and the stiffness of the test."""
         shear = beginning(self.strain, self.stress)[0] / SLOPES[self.table.specimen]
         k = int(np.abs(self.strain).argmax())
         return (
@@ -87,11 +87,12 @@ class PullTest:
                 f"{FEWEST} or more: raise stretch_up_to, or export the curve with more points"
             )
         bins = np.clip(((x - x.min()) / np.ptp(x) * POINTS).astype(int), 0, POINTS - 1)
-        own = np.unique(bins)
-        at = [np.flatnonzero(bins == k) for k in own] if len(x) > POINTS else list(np.argsort(x)[:, None])
+        members = list(np.argsort(x)[:, None])
+        if len(x) > POINTS:
+            members = [np.flatnonzero(bins == k) for k in np.unique(bins)]
 
         def mean(values: Array) -> Array:
-            return np.array([values[rows].mean() for rows in at])
+            return np.array([values[rows].mean() for rows in members])
 
         strain, stress = mean(self.strain[keep]), mean(y)
         modes, names = self._shared(strain, stress)
@@ -125,28 +126,28 @@ def _columns(
     clock = SoughtColumn(("time",), "time", table.time)
     pulled: tuple[Quantity, ...] = ("displacement",) if table.length_mm is not None else ("strain", "stretch")
     pushed: tuple[Quantity, ...] = ("force",) if table.area_mm2 is not None else ("stress",)
-    wanted = [
+    sought = [
         _sought(table, pulled, table.strain_unit, "strain_unit"),
         _sought(table, pushed, table.stress_unit, "stress_unit"),
     ]
     if table.time is not None:
-        pull, push, time = read_export(path, [*wanted, clock])
+        pull, push, time = read_export(path, [*sought, clock])
     else:
-        pull, push, time = read_export(path, wanted, also=[clock])
+        pull, push, time = read_export(path, sought, also=[clock])
     assert pull is not None
     assert push is not None
     return pull, push, time
 
 
 def _sought(
-    table: MaterialTestTable, some: tuple[Quantity, ...], unit: str | None, unit_key: str
+    table: MaterialTestTable, quantities: tuple[Quantity, ...], unit: str | None, unit_key: str
 ) -> SoughtColumn:
-    """The column of one of some quantities: that which the table names, if any."""
+    """The column for any of some quantities, by the heading that the table names, if any."""
     headings: dict[Quantity, str | None] = {
         "strain": table.strain, "stretch": table.stretch, "displacement": table.displacement,
         "stress": table.stress, "force": table.force,
     }  # fmt: skip
-    named = tuple(q for q in some if headings[q] is not None) or some
+    named = tuple(q for q in quantities if headings[q] is not None) or quantities
     return SoughtColumn(named, named[0], headings[named[0]], unit, unit_key)
 
 
@@ -171,36 +172,36 @@ def _nominal(table: MaterialTestTable, pull: ExportColumn, push: ExportColumn) -
 
 def loading_branches(strain: Array) -> list[Rows]:
     """The rows of each branch on which strains (k,) rise, from a lowest value to the next highest."""
-    back, found = TURN * float(np.ptp(strain)), []
+    back, branches = TURN * float(np.ptp(strain)), []
     low = high = 0
     for k in range(1, len(strain)):
         if strain[k] > strain[high]:
             high = k
         elif strain[k] < strain[high] - back:
             if strain[high] - strain[low] > back:
-                found.append(np.arange(low, high + 1))
+                branches.append(np.arange(low, high + 1))
             low = high = k
         if strain[k] < strain[low] and high <= low:
             low = high = k
     if strain[high] - strain[low] > back:
-        found.append(np.arange(low, high + 1))
-    return found
+        branches.append(np.arange(low, high + 1))
+    return branches
 
 
 def _begun(strain: Array, time: Array) -> Array:
     """Times (k,) s since the strain was 0, to which a straight line through the first half leads back; NaN
     from where they do not rise."""
     falls = np.flatnonzero(np.diff(time) < 0)
-    known = int(falls[0]) + 1 if falls.size else len(time)
-    time = np.where(np.arange(len(time)) < known, time - time[0], np.nan)
-    half = max(known // 2, 2)
+    rising = int(falls[0]) + 1 if falls.size else len(time)
+    time = np.where(np.arange(len(time)) < rising, time - time[0], np.nan)
+    half = max(rising // 2, 2)
     rate = np.polynomial.Polynomial.fit(time[:half], strain[:half], 1).convert(domain=(-1, 1)).coef
     rest = -rate[0] / rate[1] if len(rate) > 1 and rate[1] > 0 else 0.0
     return np.asarray(np.maximum(time - min(rest, 0.0), 1e-9), float)
 
 
 def _remarks(test: PullTest, branches: int) -> Sequence[str]:
-    """What is to be said of a test, a sentence each."""
+    """Remarks on a test for the user, a sentence each."""
     out, name = [], f"Material test {test.table.name}"
     if branches > 1:
         out.append(
@@ -209,8 +210,8 @@ def _remarks(test: PullTest, branches: int) -> Sequence[str]:
             "the finger was."
         )
     elif len(test.strain) < 0.95 * test.rows:
-        left = test.rows - len(test.strain)
-        out.append(f"{name}: {left} of {test.rows} rows, those of unloading, are left out.")
+        unloading = test.rows - len(test.strain)
+        out.append(f"{name}: {unloading} of {test.rows} rows, those of unloading, are left out.")
     if doubt := preload_doubt(test.strain, test.stress, test.sd(test.stress)):
         out.append(f"{name}: {doubt}.")
     return out

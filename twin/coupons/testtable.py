@@ -78,17 +78,17 @@ class MaterialTestTable(TableModel):
 
     @property
     def specimen(self) -> Literal["uniaxial", "planar", "equibiaxial", "shear"]:
-        """How the specimen is strained."""
+        """Deformation of the specimen, as `fe.homogeneous` names it."""
         return "uniaxial" if self.kind == "compression" else self.kind
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        given, where = self.model_fields_set, f"material_tests.{self.name}"
-        for one, other in MATERIAL_EITHER:
-            if {one, other} <= given:
-                raise ValueError(f"{where}: {one} and {other} are both given; keep one of them")
+        present, where = self.model_fields_set, f"material_tests.{self.name}"
+        for a, b in MATERIAL_EITHER:
+            if {a, b} <= present:
+                raise ValueError(f"{where}: {a} and {b} are both given; keep one of them")
         for key, size in (("displacement", "length_mm"), ("force", "area_mm2")):
-            if key in given and size not in given:
+            if key in present and size not in present:
                 raise ValueError(f"{where}: {key} without {size}; add {size}, of the specimen at rest")
         if self.kind == "shear" and (self.true_strain or self.true_stress):
             raise ValueError(f"{where}: true_strain and true_stress are for tension; remove them")

@@ -1,7 +1,7 @@
-"""Where work is done that needs no other's result: here, in local processes, or on a cluster of dask.
+"""Executors of independent tasks: this process, local processes, or the workers of a dask cluster.
 
-Read `protocol` first: what every executor does, and results in the order of their tasks. `local` has this
-process and others of this machine, `daskcluster` the workers of a scheduler, which `surroundings` compares
-with this computer. `clusters` turns what --cluster says into an executor, `slurm` a file into jobs, and
-`chosen` keeps which one is used. No result depends on it.
+Read `protocol` first: the interface of executors, and results in the order of their tasks. `local` has this
+process and others of this machine, and the executor in use; `daskcluster` the workers of a scheduler, which
+`surroundings` compares with this computer. `clusters` turns the value of --cluster into an executor, with
+jobs of SLURM where a file asks for them. No result depends on the executor.
 """

@@ -16,15 +16,14 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from twin import effort
-from twin.executors.chosen import using
-from twin.executors.local import Serial
+from twin.executors.local import Serial, using
 from twin.executors.protocol import Task, count, solved_by
 from twin.executors.surroundings import Surroundings
 
 if TYPE_CHECKING:
     from distributed import Client, Future, Worker
 
-LOOK_S = 2.0  # after which, without a result, it is asked whether workers are there
+LOOK_S = 2.0  # without a result, after which the number of workers is checked
 PATIENCE_S = 60.0  # without any worker: a nanny starts a new one within seconds
 # what dask raises where somebody waits for a lost scheduler
 CANCELLED = (asyncio.CancelledError, concurrent.futures.CancelledError)
@@ -42,7 +41,7 @@ class Dask:
 
     @property
     def workers(self) -> int:
-        """How many there are now."""
+        """Number of workers at present."""
         with self._reached():
             return len(self.client.nthreads())
 
@@ -53,8 +52,8 @@ class Dask:
         """
         self._wait()
         with self._reached():
-            found = self.client.run(_seen_from_within, on_error="return")
-        for address, seen in sorted(found.items()):
+            replies = self.client.run(_seen_from_within, on_error="return")
+        for address, seen in sorted(replies.items()):
             if not isinstance(seen, _Seen):
                 raise ConnectionError(
                     f"worker {address} cannot load this version of softtwin ({type(seen).__name__}: {seen}); "
@@ -62,7 +61,7 @@ class Dask:
                 )
             if refused := seen.refused(Surroundings.here()):
                 raise ConnectionError(refused)
-        others = [s.name for s in found.values() if s.of.processor != Surroundings.here().processor]
+        others = [s.name for s in replies.values() if s.of.processor != Surroundings.here().processor]
         if not others:
             return []
         return [f"Another processor than here on {', '.join(sorted(others))}: results may differ from those "
@@ -81,22 +80,22 @@ class Dask:
         over: SimpleQueue[Future[Any]] = SimpleQueue()
         for future in futures:
             future.add_done_callback(over.put)
-        left = dict(zip(number, futures, strict=True))
+        pending = dict(zip(number, futures, strict=True))
         del futures, future  # a result that nobody refers to leaves its worker
         try:
-            while left:
-                some = [left.pop(future.key) for future in self._some(over)]
-                good = [future for future in some if future.status == "finished"]
+            while pending:
+                batch = [pending.pop(future.key) for future in self._some(over)]
+                good = [future for future in batch if future.status == "finished"]
                 for future, (result, solved) in zip(good, self._fetched(good), strict=True):
                     count(solved)
                     yield number[future.key], result
-                if len(good) < len(some):
-                    bad = min((f for f in some if f not in good), key=lambda f: number[f.key])
+                if len(good) < len(batch):
+                    bad = min((f for f in batch if f not in good), key=lambda f: number[f.key])
                     raise self._failed(bad, number)
         finally:
-            if left and self.client.status == "running":
+            if pending and self.client.status == "running":
                 with suppress(*CANCELLED, OSError):  # it is lost meanwhile
-                    self.client.cancel(list(left.values()))
+                    self.client.cancel(list(pending.values()))
 
     def _submitted(self, tasks: Sequence[Task]) -> "list[Any]":
         import dask
@@ -108,11 +107,11 @@ class Dask:
             return self.client.map(_served, data, here=Surroundings.here(), pure=False)
 
     def _some(self, over: "SimpleQueue[Future[Any]]") -> "list[Future[Any]]":
-        """The futures that have ended since, one or more."""
+        """The next futures to end, one or more."""
         lonely = None  # since when no worker is there
         while True:
             try:
-                found = [over.get(timeout=LOOK_S)]
+                batch = [over.get(timeout=LOOK_S)]
                 break
             except Empty:
                 if self.workers:
@@ -122,11 +121,11 @@ class Dask:
                 if time.monotonic() - lonely > self.patience:
                     raise self._deserted() from None
         while not over.empty():
-            found.append(over.get())
-        return found
+            batch.append(over.get())
+        return batch
 
     def _fetched(self, good: "Sequence[Future[Any]]") -> Any:
-        """What the tasks of futures gave. A result whose worker dies meanwhile is made again."""
+        """Results of finished futures. A result whose worker dies meanwhile is computed again."""
         time_s = self.patience
         while good:
             with self._reached(), suppress(TimeoutError):
@@ -168,7 +167,7 @@ class Dask:
 
     @contextmanager
     def _reached(self) -> Iterator[None]:
-        """What the client raises when the scheduler is gone becomes one sentence."""
+        """Block in which errors of a lost scheduler become one ConnectionError."""
         if self.client.status != "running":
             raise self._lost()
         try:
@@ -190,14 +189,14 @@ class Dask:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a worker says of itself."""
+    """A worker's name, number of threads and surroundings."""
 
     name: str
     threads: int
     of: Surroundings
 
     def refused(self, here: Surroundings) -> str:
-        """Why its results might differ from those here, one sentence; "" where they cannot."""
+        """Reason why its results might differ from local ones, one sentence; "" without one."""
         if different := self.of.differences(here):
             return f"worker {self.name} has {'; '.join(different)}; install there what is here, or end it"
         if self.threads != 1:
@@ -216,7 +215,7 @@ def _of(worker: "Worker") -> _Seen:
 
 
 def _seen_from_within(dask_worker: "Worker") -> _Seen:
-    """What the worker that runs this is like."""
+    """The worker that runs this function."""
     return _of(dask_worker)
 
 

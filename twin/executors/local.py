@@ -1,4 +1,4 @@
-"""Tasks in this process, in threads of it, and in other processes of this machine."""
+"""Executors on this machine: serial, threads and processes."""
 
 import multiprocessing as mp
 import os
@@ -14,17 +14,22 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
-from twin.executors.protocol import Task, count, solved_by
+from twin.executors.protocol import Executor, Task, count, solved_by
 
 WORKERS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True)
 class Serial:
-    """This process: a task at a time, in order, and only when its result is asked for."""
+    """Serial executor: a task runs when its result is requested, in order.
+
+    >>> list(Serial().ended([int, lambda: 2 + 2]))
+    [(0, 0), (1, 4)]
+    """
 
     workers: int = 1
 
@@ -36,7 +41,7 @@ class Serial:
 
 @dataclass(frozen=True)
 class Processes:
-    """So many processes of this machine; where one would do, and in a worker, this process."""
+    """Executor on several processes; a single task, and a task of a worker, runs in this process."""
 
     workers: int = WORKERS
 
@@ -52,9 +57,9 @@ class Processes:
         try:
             with _no_interrupt():  # a worker that is only starting would answer it with a traceback
                 number: dict[Future[Any], int] = {pool.submit(solved_by, t): k for k, t in enumerate(tasks)}
-            left = set(number)
-            while left:
-                done, left = wait(left, return_when=FIRST_COMPLETED)
+            pending = set(number)
+            while pending:
+                done, pending = wait(pending, return_when=FIRST_COMPLETED)
                 for future in sorted(done, key=number.__getitem__):
                     result, solved = future.result()
                     count(solved)
@@ -69,8 +74,12 @@ class Processes:
 
 @dataclass(frozen=True)
 class Threads:
-    """So many threads of this process, for tasks that wait for another program: they start at once, where a
-    process takes seconds."""
+    """Executor on several threads, for tasks that wait for another program: a thread starts at once, where
+    a process takes seconds.
+
+    >>> sorted(Threads(2).ended([int, str]))
+    [(0, 0), (1, '')]
+    """
 
     workers: int
 
@@ -86,22 +95,43 @@ class Threads:
                 raise
 
 
+# The executor in use is no argument of every function between a command and its solves, since no result
+# depends on it.
+LOCAL = Processes()
+_used: ContextVar[Executor] = ContextVar("executor", default=LOCAL)
+
+
+def current() -> Executor:
+    """The executor in use."""
+    return _used.get()
+
+
+@contextmanager
+def using(executor: Executor) -> Iterator[None]:
+    """Use an executor in the block."""
+    before = _used.set(executor)
+    try:
+        yield
+    finally:
+        _used.reset(before)
+
+
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Ctrl-C waits while processes are started, and never reaches those: they inherit that."""
+    """Block that defers Ctrl-C while processes start; these inherit it and never receive one."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    asked: list[int] = []
+    interrupts: list[int] = []
     # blocked here, it reaches another thread, and would be raised here all the same
-    handler = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
+    handler = signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         signal.signal(signal.SIGINT, handler if handler is not None else signal.SIG_DFL)
-        if asked:
+        if interrupts:
             signal.raise_signal(signal.SIGINT)
 
 

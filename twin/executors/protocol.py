@@ -1,4 +1,4 @@
-"""What every executor does: submit tasks, give their results as they end, and cancel what is left.
+"""The interface of executors: they run tasks, yield results as tasks end, and cancel the rest.
 
 A task is a pickled call (functools.partial of a module's function) that carries all its data and depends on
 no other. So its result is the same to the bit wherever it runs.
@@ -13,18 +13,18 @@ Task = Callable[[], Any]
 
 
 class Executor(Protocol):
-    """Somewhere to run tasks."""
+    """A place to run tasks: processes of this machine, or a cluster."""
 
     @property
     def workers(self) -> int:
-        """How many tasks it runs at a time."""
+        """Number of tasks that run at a time."""
         ...
 
     def ended(self, tasks: Sequence[Task], /) -> Iterator[tuple[int, Any]]:
-        """Number and result of each task as it ends, in any order.
+        """Number and result of each task, in the order in which the tasks end.
 
-        Tasks start in the order given. Who stops listening, or is interrupted, cancels what is left. What a
-        task raises is raised here, what it solved is counted here.
+        Tasks start in the order given. Closing the iterator, or Ctrl-C, cancels the tasks that remain. An
+        error of a task is raised here; the equations that it solved are counted here.
         """
         ...
 
@@ -34,8 +34,12 @@ def gathered(
 ) -> Iterator[Any]:
     """The results in the order of the tasks, whichever ends first.
 
-    keep: told number and result of each as it ends, for a cache on the disk: a killed run then keeps more
-    than what came in order. It must not depend on the order.
+    keep: called with number and result of each task as it ends, for a cache on the disk: a killed run then
+    keeps every finished result. It must not depend on the order.
+
+    >>> from twin.executors.local import Threads
+    >>> list(gathered(Threads(2), [lambda: 3, lambda: 1, lambda: 2]))
+    [3, 1, 2]
     """
     waiting: dict[int, Any] = {}
     due = 0
@@ -49,12 +53,12 @@ def gathered(
 
 
 def solved_by(task: Task) -> tuple[Any, effort.Effort]:
-    """A task's result, and what it has solved."""
+    """A task's result, and the number and size of its solves."""
     before = effort.so_far()
     return task(), effort.since(before)
 
 
 def count(solved: effort.Effort) -> None:
-    """Count here what a worker has solved."""
+    """Add the solves of a worker to this process's own."""
     for kind, solves in solved.items():
         effort.add(kind, *solves)

@@ -1,4 +1,4 @@
-"""What a result's last bit may depend on beside the task: versions, sources, threads, processor.
+"""Versions, sources, threads and processor: all that the last bit of a result may depend on beside the task.
 
 Workers must agree with this computer in all of it but the processor, of which the user is told.
 """
@@ -29,23 +29,23 @@ class Surroundings:
     processor: tuple[str, ...]
 
     def differences(self, here: "Surroundings") -> list[str]:
-        """How a worker's differ from those here so that its results might, a few words each."""
-        theirs, own = dict(self.versions), dict(here.versions)
-        found = [f"{name} {theirs.get(name, 'none')}, here {own[name]}" for name in own
-                 if theirs.get(name, "none") != own[name]]  # fmt: skip
-        if not found and self.sources != here.sources:
-            found.append(f"another state of softtwin's sources ({self.sources}, here {here.sources})")
-        return found
+        """Differences of a worker that may change its results, a few words each."""
+        theirs, expected = dict(self.versions), dict(here.versions)
+        differing = [f"{name} {theirs.get(name, 'none')}, here {expected[name]}" for name in expected
+                 if theirs.get(name, "none") != expected[name]]  # fmt: skip
+        if not differing and self.sources != here.sources:
+            differing.append(f"another state of softtwin's sources ({self.sources}, here {here.sources})")
+        return differing
 
     @property
     def many_threads(self) -> list[str]:
-        """What lets the numerical libraries use more threads than one, a few words each."""
+        """Settings that allow more than one thread to numerical libraries, a few words each."""
         return [f"{name} = {value}" for name, value in self.threads if value != "1"]
 
     @staticmethod
     @cache
     def here() -> "Surroundings":
-        """Those of this process."""
+        """The surroundings of this process."""
         versions = [("python", platform.python_version()), ("machine", _machine())]
         versions += [(name, _version(name)) for name in ("softtwin", *LIBRARIES)]
         threads = tuple((name, os.environ.get(name, "not set")) for name in THREADS)
@@ -75,5 +75,5 @@ def _version(name: str) -> str:
 def _features() -> tuple[str, ...]:
     """The instructions of the processor by which numpy chooses its loops; MKL chooses likewise."""
     loops = import_module("numpy._core._multiarray_umath")  # what numpy.show_runtime() prints
-    found = getattr(loops, "__cpu_features__", {})
-    return tuple(sorted(name for name, has in found.items() if has))
+    features = getattr(loops, "__cpu_features__", {})
+    return tuple(sorted(name for name, has in features.items() if has))

@@ -23,8 +23,8 @@ FORMATS: dict[str, Callable[[Path, float], Recorded]] = {
 
 
 def read_recorded(path: Path, name: str, min_likelihood: float = LIKELY) -> Recorded:
-    """What a file or folder in a format holds; below `min_likelihood` a point counts as not seen. ValueError
-    for a format that is not known."""
+    """The points of a file or folder in a named format; below `min_likelihood` a point counts as not seen.
+    ValueError for an unknown format."""
     if name not in FORMATS:
         raise ValueError(f"--format {name}: wanted one of {', '.join(FORMATS)}")
     return FORMATS[name](path, min_likelihood)
@@ -34,18 +34,18 @@ def format_of(path: Path) -> str:
     """The format that a file or folder shows by its names or its first line. ValueError where it shows none.
     """
     if path.is_dir():
-        shown = {"DICe_solution_*.txt": "dice", "*.csv": "matchid"}
-        told = next((form for pattern, form in shown.items() if any(path.glob(pattern))), "")
+        patterns = {"DICe_solution_*.txt": "dice", "*.csv": "matchid"}
+        name = next((form for pattern, form in patterns.items() if any(path.glob(pattern))), "")
     elif path.suffix.lower() == ".c3d":
-        told = "c3d"
+        name = "c3d"
     else:
-        told = _told_by(path)
-    if not told:
+        name = _told_by(path)
+    if not name:
         raise ValueError(
             f"--targets {path}: wanted a folder with targets.csv, or --format with the name of the program "
             f"that wrote it: {', '.join(FORMATS)}"
         )
-    return told
+    return name
 
 
 def _told_by(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Make targets of what another program measured, with what [import] of twin.toml states of it."""
+"""Displacements of another program, with [import] of twin.toml, -> targets."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -28,38 +28,38 @@ NO_COURSE = (
 
 
 def targets_of(
-    found: Recorded, stated: ImportTable, points: Sequence[PointTable], *, log: Path | None = None
+    recorded: Recorded, table: ImportTable, points: Sequence[PointTable], *, log: Path | None = None
 ) -> tuple[Targets, list[str]]:
-    """Targets of one block, and what the user should know of them, one sentence each.
+    """Targets of one block, and remarks for the user, one sentence each.
 
     points: those of twin.toml, by their names in the file. One that is none of them is left out, or with an
-    origin taken for a point between nodes.   log: the file of `stated`. ValueError names what is missing or
-    does not fit.
+    origin taken for a point between nodes.   log: the path of the log that `table` names. ValueError names
+    what is missing or does not fit.
     """
-    check_stated(found, stated)
-    position = turned(found.position * mm_per_unit(found, stated), stated.axes or found.axes)
+    check_stated(recorded, table)
+    position = turned(recorded.position * mm_per_unit(recorded, table), table.axes or recorded.axes)
     keep = _even(len(position))
-    time, rest = times_of(found, stated), np.arange(min(stated.rest_steps, len(position)))
+    time, rest = times_of(recorded, table), np.arange(min(table.rest_steps, len(position)))
     keep = np.union1d(keep, rest)
-    pressure, between = pressure_of(found, stated, time, log)
+    pressure, between = pressure_of(recorded, table, time, log)
     mean = _at_rest(position, rest)
-    told, chosen, remarks = _points(found, stated, mean, {point.name: point for point in points})
+    target_points, chosen, remarks = _points(recorded, table, mean, {point.name: point for point in points})
     every = (position - mean)[:, chosen]
-    noise = _noise(every, pressure, stated, thinned=len(position) / len(keep))
-    targets = _assembled(np.round(every[keep], DIGITS), told, noise, time=time[keep], pressure=pressure[keep],
-                         log=between, rest=np.searchsorted(keep, rest),
-                         scale_sd=stated.scale_sd if found.unit == PIXEL else None)  # fmt: skip
-    said = [*_said(found, keep, len(position)), *remarks, *([] if stated.sd_mm else [noise.basis])]
-    return targets, [*said, *([] if targets.has_log else [NO_COURSE])]
+    noise = _noise(every, pressure, table, thinned=len(position) / len(keep))
+    targets = _assembled(np.round(every[keep], DIGITS), target_points, noise, time=time[keep],
+                         pressure=pressure[keep], log=between, rest=np.searchsorted(keep, rest),
+                         scale_sd=table.scale_sd if recorded.unit == PIXEL else None)  # fmt: skip
+    sentences = [*_said(recorded, keep, len(position)), *remarks, *([] if table.sd_mm else [noise.basis])]
+    return targets, [*sentences, *([] if targets.has_log else [NO_COURSE])]
 
 
-def _noise(value: Array, pressure: Array, stated: ImportTable, *, thinned: float) -> Noise:
-    """The noise model of all rows (s,p,3) mm, as stated or as they scatter; of so many one is kept."""
-    if stated.sd_mm is not None:
-        return stated_noise(value, stated.sd_mm, stated.rho**thinned)
-    assert stated.still_steps is not None  # checked
-    found = still_noise(value, pressure, stated.still_steps)
-    return replace(found, rho=found.rho**thinned)
+def _noise(value: Array, pressure: Array, table: ImportTable, *, thinned: float) -> Noise:
+    """The noise model of values (s,p,3) mm, stated or from their scatter; thinned: rows per kept row."""
+    if table.sd_mm is not None:
+        return stated_noise(value, table.sd_mm, table.rho**thinned)
+    assert table.still_steps is not None  # checked
+    noise = still_noise(value, pressure, table.still_steps)
+    return replace(noise, rho=noise.rho**thinned)
 
 
 def _assembled(
@@ -100,10 +100,10 @@ def _modes(value: Array, points: Sequence[TargetPoint], noise: Noise, rest: int)
 
 
 def _points(
-    found: Recorded, stated: ImportTable, mean: Array, points: Mapping[str, PointTable]
+    recorded: Recorded, table: ImportTable, mean: Array, points: Mapping[str, PointTable]
 ) -> tuple[tuple[TargetPoint, ...], list[int], list[str]]:
     """The target points, where each stands in the file, and what is to be said of the others."""
-    fixed, names = [plain(name) for name in stated.fixed], found.names
+    fixed, names = [plain(name) for name in table.fixed], recorded.names
     for name in (*points, *fixed):
         if name not in names:
             listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
@@ -111,35 +111,35 @@ def _points(
                 f"point {name!r} is not in the file, which has {listed}; correct [[points]], or "
                 "fixed under [import]"
             )
-    rest = mean if stated.origin_mm is None else np.where(np.isfinite(mean), mean, 0.0) + stated.origin_mm
-    kinds = [_point(name, points, fixed, rest[p], stated) for p, name in enumerate(names)]
+    rest = mean if table.origin_mm is None else np.where(np.isfinite(mean), mean, 0.0) + table.origin_mm
+    kinds = [_point(name, points, fixed, rest[p], table) for p, name in enumerate(names)]
     unseen: NDArray[np.bool_] = np.asarray(np.isnan(mean).all(axis=1))
     for p, point in enumerate(kinds):
         if point is not None and unseen[p] and point.name in (*points, *fixed):
             raise ValueError(
-                f"point {point.name!r} is not seen in the first {stated.rest_steps} steps, which "
+                f"point {point.name!r} is not seen in the first {table.rest_steps} steps, which "
                 "displacements are relative to; raise rest_steps under [import], or leave it out"
             )
     chosen = [p for p, point in enumerate(kinds) if point is not None and not unseen[p]]
     out = [names[p] for p in range(len(names)) if p not in chosen]
     more = ", ..." if len(out) > 12 else ""
-    said = [f"Left out, as [[points]] does not name them: {', '.join(out[:12])}{more}."] if out else []
-    return tuple(point for p in chosen if (point := kinds[p]) is not None), chosen, said
+    omitted = [f"Left out, as [[points]] does not name them: {', '.join(out[:12])}{more}."] if out else []
+    return tuple(point for p in chosen if (point := kinds[p]) is not None), chosen, omitted
 
 
 def _point(
-    name: str, points: Mapping[str, PointTable], fixed: Sequence[str], rest: Array, stated: ImportTable
+    name: str, points: Mapping[str, PointTable], fixed: Sequence[str], rest: Array, table: ImportTable
 ) -> TargetPoint | None:
-    """What a point of the file is in the model; None where nobody says."""
-    own = None if stated.origin_mm is None else as_position(rest)
+    """A point of the file as a point of the model; None where neither twin.toml nor an origin places it."""
+    rest_place = None if table.origin_mm is None else as_position(rest)
     point = points.get(name)
     if point is not None and point.node is not None:
-        return at_node(name, point.node, own)
+        return at_node(name, point.node, rest_place)
     if point is not None:
         return TargetPoint(name, PointKind.PLACE, None, point.position_mm)
     if name in fixed:
-        return TargetPoint(name, PointKind.FIXED, None, own)
-    return None if own is None else TargetPoint(name, PointKind.PLACE, None, own)
+        return TargetPoint(name, PointKind.FIXED, None, rest_place)
+    return None if rest_place is None else TargetPoint(name, PointKind.PLACE, None, rest_place)
 
 
 def _at_rest(position: Array, rest: NDArray[Any]) -> Array:
@@ -154,8 +154,8 @@ def _even(steps: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, steps - 1, min(steps, MOST_STEPS)).round().astype(np.int64))
 
 
-def _said(found: Recorded, keep: NDArray[np.int64], steps: int) -> list[str]:
+def _said(recorded: Recorded, keep: NDArray[np.int64], steps: int) -> list[str]:
     thinned = f"{len(keep)} of {steps} steps are kept, evenly spaced." if len(keep) < steps else ""
-    all_of_them = found.position.shape[0] * found.position.shape[1]
-    missing = f"{found.missing} of {all_of_them} positions have {found.doubt}: they count as not seen."
-    return [s for s in (thinned, missing if found.missing else "") if s]
+    all_of_them = recorded.position.shape[0] * recorded.position.shape[1]
+    missing = f"{recorded.missing} of {all_of_them} positions have {recorded.doubt}: they count as not seen."
+    return [s for s in (thinned, missing if recorded.missing else "") if s]

@@ -44,9 +44,9 @@ def _rows(path: Path) -> tuple[dict[str, list[str]], list[list[str]]]:
     head = {row[0]: row[1:] for row in lines[:4] if row[0] in LEVELS}
     rows = [row for row in lines if row[0] not in LEVELS]
     if not {"bodyparts", "coords"} <= head.keys() or not rows:
-        first = ",".join(lines[0][:3]) if lines else "nothing"
+        start = ",".join(lines[0][:3]) if lines else "nothing"
         raise ValueError(
-            f"{path}: begins with {first!r}; wanted DeepLabCut's rows scorer, bodyparts and coords and one "
+            f"{path}: begins with {start!r}; wanted DeepLabCut's rows scorer, bodyparts and coords and one "
             "row for each frame below them"
         )
     for row in rows:

@@ -68,8 +68,8 @@ def _placed(path: Path, table: dict[str, Array], labels: Array, stereo: bool) ->
             f"{path}: its subsets are not those of the first file; wanted one analysis in the folder"
         )
     names = STEREO if stereo else FLAT
-    found = np.full((len(labels), 3), np.nan)
-    for axis, (at, moved) in enumerate(zip(*names, strict=True)):
-        found[:, axis] = table[at] + table[moved]
+    positions = np.full((len(labels), 3), np.nan)
+    for axis, (place, moved) in enumerate(zip(*names, strict=True)):
+        positions[:, axis] = table[place] + table[moved]
     failed = ~(table["SIGMA"] >= 0)
-    return np.where(failed[:, None], np.nan, found), int(failed.sum())
+    return np.where(failed[:, None], np.nan, positions), int(failed.sum())

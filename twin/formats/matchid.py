@@ -28,12 +28,12 @@ def read_matchid(path: Path, min_likelihood: float) -> Recorded:
     sheets = [read_sheet(file, wanted="X [mm];Y [mm];U [mm];V [mm]") for file in files]
     columns, unit = _columns(sheets[0])
     tables = [_values(sheet, columns) for sheet in sheets]
-    first, flat = tables[0], "w" not in columns
-    position = np.full((len(files), len(first["x"]), 3), np.nan)
+    reference, flat = tables[0], "w" not in columns
+    position = np.full((len(files), len(reference["x"]), 3), np.nan)
     for step, (file, table) in enumerate(zip(files, tables, strict=True)):
-        _check_rows(file, table, first)
-        for axis, (at, moved) in enumerate(zip("xyz"[: 2 if flat else 3], "uvw", strict=False)):
-            position[step, :, axis] = first[at] + table[moved]
+        _check_rows(file, table, reference)
+        for axis, (place, moved) in enumerate(zip("xyz"[: 2 if flat else 3], "uvw", strict=False)):
+            position[step, :, axis] = reference[place] + table[moved]
     lost = ~np.isfinite(position[..., :2]).all(axis=2)
     return Recorded(
         names=tuple(f"p{row + 1}" for row in range(position.shape[1])), position=position, unit=unit,
@@ -43,20 +43,20 @@ def read_matchid(path: Path, min_likelihood: float) -> Recorded:
 
 def _columns(sheet: Sheet) -> tuple[dict[str, str], str]:
     """The heading of each letter, and the unit of all of them."""
-    found: dict[str, dict[str, str]] = {}
+    by_unit: dict[str, dict[str, str]] = {}
     for name in sheet.header:
         bracket = re.search(r"\[(.*?)\]\s*$", name)
         letter = re.split(r"[\s.:]+", re.sub(r"\[.*?\]\s*$", "", name).strip())[-1].lower()
         if letter in LETTERS:
-            found.setdefault(_unit(bracket[1] if bracket else ""), {}).setdefault(letter, name)
-    whole = {unit: have for unit, have in found.items() if {"x", "y", "u", "v"} <= have.keys()}
-    if not whole:
+            by_unit.setdefault(_unit(bracket[1] if bracket else ""), {}).setdefault(letter, name)
+    complete = {unit: have for unit, have in by_unit.items() if {"x", "y", "u", "v"} <= have.keys()}
+    if not complete:
         raise ValueError(
             f"{sheet.path}: the header is {','.join(sheet.header[:6])}; wanted X, Y and the displacements U, "
             "V in one unit, as in X [mm];Y [mm];U [mm];V [mm]: add them to MatchID's export"
         )
-    unit = next((u for u in ("mm", "m", PIXEL) if u in whole), next(iter(whole)))
-    have = whole[unit]
+    unit = next((u for u in ("mm", "m", PIXEL) if u in complete), next(iter(complete)))
+    have = complete[unit]
     solid = {"z", "w"} <= have.keys()
     letters = LETTERS if solid else ("x", "y", "u", "v")
     # exports of 2023 name no unit: those of stereo are in mm, those of one camera in pixels
@@ -70,17 +70,17 @@ def _unit(text: str) -> str:
 def _values(sheet: Sheet, columns: dict[str, str]) -> dict[str, Array]:
     """The columns (p,) by their letter; NaN where a cell is empty or says so."""
     table = sheet.table(tuple(columns.values()))
-    known = {name: ["" if c.lower() == "nan" else c for c in cells] for name, cells in table.cells.items()}
-    table = Table(table.path, known, table.lines, table.comma)
+    blanked = {name: ["" if c.lower() == "nan" else c for c in cells] for name, cells in table.cells.items()}
+    table = Table(table.path, blanked, table.lines, table.comma)
     return {letter: table.numbers(name, unit="its unit", empty=True) for letter, name in columns.items()}
 
 
-def _check_rows(path: Path, table: dict[str, Array], first: dict[str, Array]) -> None:
+def _check_rows(path: Path, table: dict[str, Array], reference: dict[str, Array]) -> None:
     """Raise ValueError where the rows of a file are not the points of the first."""
-    same = len(table["x"]) == len(first["x"])
+    same = len(table["x"]) == len(reference["x"])
     if same:
-        span = np.nanmax(np.abs([first["x"], first["y"]]))
-        off = np.hypot(table["x"] - first["x"], table["y"] - first["y"])
+        span = np.nanmax(np.abs([reference["x"], reference["y"]]))
+        off = np.hypot(table["x"] - reference["x"], table["y"] - reference["y"])
         same = not bool(np.nanmax(np.nan_to_num(off)) > SAME_PLACE * span)
     if not same:
         raise ValueError(

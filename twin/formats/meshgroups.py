@@ -1,8 +1,9 @@
 """A mesh of Gmsh or VTK with named groups, as the Abaqus deck that a project has.
 
-A group of cells is a material, one of faces a surface, or `meshskin` tells them; a mesh says neither loads
-nor laws: the groups that are under pressure and held are named, or tell by their names, and every material
-is nominal silicone. Tetrahedra of four nodes become those of ten.
+A group of cells is a material, one of faces a surface. Without groups of faces the skin gives them: a closed
+skin that the material lies around is a chamber, and a flat part on a side of the box around the mesh is that
+side. A mesh says neither loads nor laws: the groups that are under pressure and held are named, or found by
+their names, and every material is nominal silicone. Tetrahedra of four nodes become those of ten.
 """
 
 import warnings
@@ -11,14 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from fe.deck.units import LENGTHS
 from fe.element import ELEMENTS, Array, Integers
-from twin.formats.meshskin import groups_of_skin
+from fe.mesh.refine import unshared
 
 MESHES = (".msh", ".vtk", ".vtu")
 SOLIDS = {"tetra": "C3D10H", "tetra10": "C3D10H", "hexahedron": "C3D8H", "hexahedron20": "C3D20RH"}
 AXES = "xyz"
+FLAT = 1e-6  # of the mesh's extent
+SIDES = ("min", "max")
 EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))  # of a tetrahedron, as Abaqus lists their middles
 FACES = ("triangle", "triangle6", "quad", "quad8")  # in the same order as those of Abaqus
 PRESSURE = ("chamber", "pressure", "cavity", "inside", "inner")
@@ -94,17 +99,17 @@ def deck_of(
     return "".join(f"{line}\n" for line in text.splitlines() if line.strip())
 
 
-def _chosen(path: Path, mesh: Groups, stated: str, known: tuple[str, ...], option: str) -> str:
+def _chosen(path: Path, mesh: Groups, group: str, usual: tuple[str, ...], option: str) -> str:
     """The name of a group of faces: as stated, or the one whose name says so."""
     names = {name.lower(): name for name in mesh.faces}
-    wanted = (stated.lower(), f"group_{stated}") if stated else known  # a number would be a node's label
-    found = [names[n] for n in wanted if n in names]
-    if not found:
+    candidates = (group.lower(), f"group_{group}") if group else usual  # a number would be a node's label
+    matches = [names[n] for n in candidates if n in names]
+    if not matches:
         listed = ", ".join(mesh.faces) or "none"
-        called = f"{stated!r}" if stated else " or ".join(known)
+        called = f"{group!r}" if group else " or ".join(usual)
         what = f"no group of faces is called {called}"
         raise ValueError(f"{path.name}: {what}; it has {listed}; state {option} with one of them")
-    return found[0]
+    return matches[0]
 
 
 def _turn(axes: str) -> Array:
@@ -154,8 +159,8 @@ def _groups(path: Path, turn: Array) -> Groups:
         raise ValueError(f"{path.name}: a cell is in two groups of cells; wanted one material for each cell")
     if (grouped == 0).any():
         cells["silicone"] = np.flatnonzero(grouped == 0)
-    own = len(ELEMENTS[SOLIDS[kind]].corners)
-    surfaces = {name: corners[rows][:, :own] for name, rows in faces.items() if len(rows)}
+    corner_count = len(ELEMENTS[SOLIDS[kind]].corners)
+    surfaces = {name: corners[rows][:, :corner_count] for name, rows in faces.items() if len(rows)}
     nodes = np.asarray(mesh.points, float)[:, :3] @ turn.T
     if kind == "tetra":
         nodes, elements = _with_middles(nodes, elements)
@@ -167,9 +172,9 @@ def _with_middles(nodes: Array, elements: Integers) -> tuple[Array, Integers]:
     """Tetrahedra (e, 4) with a node in the middle of every edge, (e, 10): linear ones are too stiff for
     rubber."""
     pairs = np.sort(elements[:, EDGES].reshape(-1, 2), axis=1)
-    own, number = np.unique(pairs, axis=0, return_inverse=True)
+    edges, number = np.unique(pairs, axis=0, return_inverse=True)
     middles = len(nodes) + np.asarray(number).reshape(len(elements), -1)
-    return np.concatenate([nodes, nodes[own].mean(axis=1)]), np.concatenate([elements, middles], axis=1)
+    return np.concatenate([nodes, nodes[edges].mean(axis=1)]), np.concatenate([elements, middles], axis=1)
 
 
 def _named(mesh: object, types: tuple[str, ...]) -> tuple[Integers, dict[str, Integers]]:
@@ -207,10 +212,10 @@ def _faces(mesh: Groups, name: str) -> Integers:
     """The faces (f, 2) = (element, face) of solids on a group of faces."""
     element = ELEMENTS[mesh.kind]
     corners = np.sort(mesh.elements[:, element.faces[:, list(element.corners)]], axis=2)
-    wanted = {tuple(row) for row in np.sort(mesh.faces[name], axis=1).tolist()}
+    group_faces = {tuple(row) for row in np.sort(mesh.faces[name], axis=1).tolist()}
     flat = corners.reshape(-1, corners.shape[2]).tolist()
-    found = [k for k, row in enumerate(flat) if tuple(row) in wanted]
-    return np.stack(np.divmod(np.array(found, np.int64), len(element.faces)), axis=1)
+    solid_faces = [k for k, row in enumerate(flat) if tuple(row) in group_faces]
+    return np.stack(np.divmod(np.array(solid_faces, np.int64), len(element.faces)), axis=1)
 
 
 def _surface(path: Path, mesh: Groups, name: str) -> str:
@@ -228,3 +233,52 @@ def _numbers(numbers: Integers) -> str:
     return "\n".join(
         ", ".join(map(str, numbers[k : k + 12].tolist())) for k in range(0, len(numbers), 12)
     )
+
+
+# -- groups of the skin --------------------------------------------------------------------------------------
+
+
+def groups_of_skin(nodes: Array, kind: str, elements: Integers) -> dict[str, Integers]:
+    """Groups (k, c) of faces, each by the nodes of its corners. `chamber`: all closed skins inside; each
+    alone is `chamber1`, .. where there are several. `xmin` to `zmax`: the flat ends of the outer skin.
+
+    nodes (n, 3) mm; elements (e, m) of one type, kind, an Abaqus name.
+    """
+    skin = _skin(kind, elements)
+    part = _parts(skin, len(nodes))
+    filled = np.bincount(part, weights=_under(nodes - nodes.mean(axis=0), skin))
+    filled *= np.sign(filled[np.abs(filled).argmax()])  # the largest is an outer one
+    cavities = [skin[part == k] for k in np.flatnonzero(filled < 0)]
+    out = {"chamber": np.concatenate(cavities)} if cavities else {}
+    if len(cavities) > 1:
+        out |= {f"chamber{k}": cavity for k, cavity in enumerate(cavities, start=1)}
+    low, high = nodes[skin].min(axis=(0, 1)), nodes[skin].max(axis=(0, 1))
+    faces = skin[filled[part] > 0]
+    for axis in range(3):
+        for side, side_mm in zip(SIDES, (low[axis], high[axis]), strict=True):
+            flat = (np.abs(nodes[faces, axis] - side_mm) < FLAT * (high - low).max()).all(axis=1)
+            if flat.any():
+                out["xyz"[axis] + side] = faces[flat]
+    return out
+
+
+def _skin(kind: str, elements: Integers) -> Integers:
+    """The corners (f, c) of the faces that belong to one element alone."""
+    element = ELEMENTS[kind]
+    owner, number = unshared(element, elements).T
+    return np.take_along_axis(elements[owner], element.faces[number][:, list(element.corners)], axis=1)
+
+
+def _parts(faces: Integers, nodes: int) -> Integers:
+    """The number (f,) of the part of the skin that each face belongs to, parts sharing no node."""
+    a, b = np.repeat(faces[:, 0], faces.shape[1]), faces.ravel()
+    joined = coo_matrix((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
+    _, label = connected_components(joined, directed=False)
+    return np.asarray(np.unique(label[faces[:, 0]], return_inverse=True)[1], np.int64)
+
+
+def _under(nodes: Array, faces: Integers) -> Array:
+    """The signed volume (f,) mm3 of the cones of faces from the origin: of a closed skin together what it
+    encloses, with one sign where the material lies inside, the other where it lies around."""
+    apex, middle, last = (nodes[faces[:, k]] for k in (slice(0, 1), slice(1, -1), slice(2, None)))
+    return np.asarray(np.einsum("fti,fti->f", apex, np.cross(middle, last)) / 6, float)

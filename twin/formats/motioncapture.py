@@ -26,10 +26,10 @@ def read_c3d(path: Path, min_likelihood: float) -> Recorded:
     position = np.ascontiguousarray(np.swapaxes(xyz, 0, 1))
     if not position.size:
         raise ValueError(f"{path}: has no points; wanted the positions of markers")
-    rate, first = float(point["RATE"]["value"][0]), int(content["header"]["points"]["first_frame"])
+    rate, start = float(point["RATE"]["value"][0]), int(content["header"]["points"]["first_frame"])
     return Recorded(
         names=plain_names(path, list(labels)[: position.shape[1]]), position=position,
-        unit=(point["UNITS"]["value"] or ["mm"])[0], frame=first + np.arange(len(position), dtype=np.int64),
+        unit=(point["UNITS"]["value"] or ["mm"])[0], frame=start + np.arange(len(position), dtype=np.int64),
         time=np.arange(len(position)) / rate, missing=int(np.isnan(position[..., 0]).sum()),
         doubt="no position",
     )  # fmt: skip

@@ -20,17 +20,17 @@ HEADING = re.compile(r"(?P<point>.+)_(?P<axis>[xyz])[ _]?[\[(]?(?P<unit>mm|cm|m|
 def read_plain(path: Path, min_likelihood: float) -> Recorded:
     """The points of a plain CSV in its unit, with its times and, where it has one, its pressure."""
     sheet = read_sheet(path, wanted="time_s,tip_x_mm,tip_z_mm,pressure_kPa")
-    found = {name: match for name in sheet.header if (match := HEADING.fullmatch(name))}
-    units = {match["unit"] for match in found.values()}
+    matches = {name: match for name in sheet.header if (match := HEADING.fullmatch(name))}
+    units = {match["unit"] for match in matches.values()}
     if len(units) != 1:
         raise ValueError(
             f"{path}: the header is {','.join(sheet.header)}; wanted the points in columns such as "
             f"tip_x_mm,tip_z_mm, all in one unit{': found ' + ' and '.join(sorted(units)) if units else ''}"
         )
-    points = list(dict.fromkeys(match["point"] for match in found.values()))
-    table = sheet.table(tuple(found))
+    points = list(dict.fromkeys(match["point"] for match in matches.values()))
+    table = sheet.table(tuple(matches))
     position = np.full((len(table), len(points), 3), np.nan)
-    for name, match in found.items():
+    for name, match in matches.items():
         column = table.numbers(name, unit=match["unit"], empty=True)
         position[:, points.index(match["point"]), "xyz".index(match["axis"])] = column
     unit = units.pop()

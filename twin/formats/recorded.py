@@ -1,4 +1,4 @@
-"""What every format gives: where each point was at each step, in the file's own axes and unit."""
+"""Positions of points in a file's own axes and unit: the result of every format."""
 
 import re
 from dataclasses import dataclass
@@ -28,17 +28,21 @@ class Recorded:
 
 
 def plain(name: str) -> str:
-    """A point's name fit for twin.toml and CSV cells: `Tip - 1` becomes Tip_1."""
+    """A point's name fit for twin.toml and CSV cells.
+
+    >>> plain("Tip - 1"), plain("(base)"), plain("??")
+    ('Tip_1', 'base', 'point')
+    """
     return re.sub(r"[^A-Za-z0-9_.+]+", "_", name).lstrip("_.+").rstrip("_") or "point"
 
 
 def plain_names(path: Path, names: list[str]) -> tuple[str, ...]:
     """The names (p,) of a file, fit for twin.toml; ValueError where two become one."""
-    found = tuple(plain(name) for name in names)
-    twice = [name for name in found if found.count(name) > 1]
+    safe_names = tuple(plain(name) for name in names)
+    twice = [name for name in safe_names if safe_names.count(name) > 1]
     if twice:
         raise ValueError(f"{path}: two points have the name {twice[0]!r}; wanted one name for each point")
-    return found
+    return safe_names
 
 
 def in_order(path: Path, pattern: str) -> list[Path]:
@@ -46,10 +50,10 @@ def in_order(path: Path, pattern: str) -> list[Path]:
 
     ValueError for none.
     """
-    found = sorted(path.glob(pattern), key=_number) if path.is_dir() else [path]
-    if not found or not found[0].is_file():
+    files = sorted(path.glob(pattern), key=_number) if path.is_dir() else [path]
+    if not files or not files[0].is_file():
         raise ValueError(f"{path}: no such file, or no {pattern} in it; wanted the program's result files")
-    return found
+    return files
 
 
 def _number(path: Path) -> tuple[int, str]:
@@ -58,9 +62,16 @@ def _number(path: Path) -> tuple[int, str]:
 
 
 def numbers(cells: list[str], *, path: Path, what: str) -> Array:
-    """The cells (n,) as numbers; an empty cell or nan is NaN, ValueError for other text."""
+    """The cells (n,) as numbers; an empty cell or nan is NaN, ValueError for other text.
+
+    >>> numbers(["1.5", "", "nan"], path=Path("tip.csv"), what="column x").tolist()
+    [1.5, nan, nan]
+    >>> numbers(["1,5"], path=Path("tip.csv"), what="column x")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ValueError: tip.csv, column x: could not convert string to float: '1,5'; wanted a number, ...
+    """
     try:
         return np.array([float(cell) if cell.strip() else np.nan for cell in cells])
     except ValueError as error:
-        wanted = "wanted a number, or nothing where it was not seen"
-        raise ValueError(f"{path}, {what}: {error}; {wanted}") from None
+        advice = "wanted a number, or nothing where it was not seen"
+        raise ValueError(f"{path}, {what}: {error}; {advice}") from None

@@ -1,4 +1,4 @@
-"""What [import] of twin.toml states of a file: unit, axes, times and pressure, where the file does not."""
+"""Unit, axes, times and pressure of a file, from [import] of twin.toml where the file lacks them."""
 
 import re
 from pathlib import Path
@@ -13,80 +13,80 @@ from twin.gauge.pressurelog import read_log
 from twin.targets import Array
 
 
-def still_wanted(found: Recorded, stated: ImportTable) -> dict[str, str]:
+def still_wanted(recorded: Recorded, table: ImportTable) -> dict[str, str]:
     """The keys of [import] that have to be stated and are not yet, each with what it has to say."""
     lacks = {
-        "sd_mm": stated.sd_mm is None and stated.still_steps is None,
-        "mm_per_px": found.unit == PIXEL and stated.mm_per_px is None,
-        "axes": not (stated.axes or found.axes), "fps": found.time is None and stated.fps is None,
-        "log": found.pressure is None and stated.log is None,
+        "sd_mm": table.sd_mm is None and table.still_steps is None,
+        "mm_per_px": recorded.unit == PIXEL and table.mm_per_px is None,
+        "axes": not (table.axes or recorded.axes), "fps": recorded.time is None and table.fps is None,
+        "log": recorded.pressure is None and table.log is None,
     }  # fmt: skip
     return {key: _about(key) for key, lacking in lacks.items() if lacking}
 
 
 def _about(key: str) -> str:
-    """What a key of [import] has to say."""
+    """The description of a key of [import]."""
     return ImportTable.model_fields[key].description or ""
 
 
-def check_stated(found: Recorded, stated: ImportTable) -> None:
+def check_stated(recorded: Recorded, table: ImportTable) -> None:
     """Raise ValueError where something of the file is not stated, or is twice."""
-    if wanted := still_wanted(found, stated):
-        each = "; ".join(f"{key} ({what})" for key, what in wanted.items())
+    if missing := still_wanted(recorded, table):
+        each = "; ".join(f"{key} ({what})" for key, what in missing.items())
         raise ValueError(f"[import] of twin.toml does not state all of the file; wanted {each}")
-    if stated.sd_mm is not None and stated.still_steps is not None:
+    if table.sd_mm is not None and table.still_steps is not None:
         raise ValueError(
-            f"import.sd_mm = {stated.sd_mm:g} and import.still_steps: both say how large the noise is; leave "
+            f"import.sd_mm = {table.sd_mm:g} and import.still_steps: both say how large the noise is; leave "
             "one of them out"
         )
-    if found.unit != PIXEL and stated.mm_per_px is not None:
+    if recorded.unit != PIXEL and table.mm_per_px is not None:
         raise ValueError(
-            f"import.mm_per_px = {stated.mm_per_px:g}: the file is in {found.unit}; leave it out"
+            f"import.mm_per_px = {table.mm_per_px:g}: the file is in {recorded.unit}; leave it out"
         )
-    if found.pressure is not None and stated.log is not None:
+    if recorded.pressure is not None and table.log is not None:
         raise ValueError(
-            f"import.log = {stated.log!r}: the file has a pressure of its own; leave one of them out"
+            f"import.log = {table.log!r}: the file has a pressure of its own; leave one of them out"
         )
 
 
-def mm_per_unit(found: Recorded, stated: ImportTable) -> float:
+def mm_per_unit(recorded: Recorded, table: ImportTable) -> float:
     """Length in mm of the file's unit; ValueError where it is none of length."""
-    if found.unit == PIXEL:
-        assert stated.mm_per_px is not None  # checked
-        return stated.mm_per_px
+    if recorded.unit == PIXEL:
+        assert table.mm_per_px is not None  # checked
+        return table.mm_per_px
     import pint
 
     try:
-        return float(pint.get_application_registry().Quantity(1.0, found.unit).to("mm").magnitude)
+        return float(pint.get_application_registry().Quantity(1.0, recorded.unit).to("mm").magnitude)
     except (pint.PintError, AttributeError):
-        wanted = "wanted px or a unit of length, such as mm"
-        raise ValueError(f"the file is in {found.unit!r}: {wanted}") from None
+        advice = "wanted px or a unit of length, such as mm"
+        raise ValueError(f"the file is in {recorded.unit!r}: {advice}") from None
 
 
-def times_of(found: Recorded, stated: ImportTable) -> Array:
+def times_of(recorded: Recorded, table: ImportTable) -> Array:
     """Times (s,) s on the clock of the log."""
-    time = found.time
+    time = recorded.time
     if time is None:
-        assert stated.fps is not None  # checked
-        time = (found.frame - found.frame[0]) / stated.fps
+        assert table.fps is not None  # checked
+        time = (recorded.frame - recorded.frame[0]) / table.fps
     if np.any(np.diff(time) <= 0):
         raise ValueError(
             "the file's times do not increase from row to row; wanted one row for each frame, in order"
         )
-    return time + stated.start_s
+    return time + table.start_s
 
 
 JUMP = 0.25  # of the pressure's range, from row to row: what lies between is then known well enough
 
 
 def pressure_of(
-    found: Recorded, stated: ImportTable, time: Array, log: Path | None
+    recorded: Recorded, table: ImportTable, time: Array, log: Path | None
 ) -> tuple[Array, tuple[Array, Array] | None]:
     """The pressure (s,) MPa of each step, and the log (t,) s, (t,) MPa between them where there is one."""
     if log is None:
-        assert found.pressure is not None  # checked
-        return found.pressure, None if found.time is None else _along(time, found.pressure)
-    form, sheet = LogFormat(unit=stated.log_unit), read_sheet(log, wanted="time_s,pressure_MPa")
+        assert recorded.pressure is not None  # checked
+        return recorded.pressure, None if recorded.time is None else _along(time, recorded.pressure)
+    form, sheet = LogFormat(unit=table.log_unit), read_sheet(log, wanted="time_s,pressure_MPa")
     if time_column(sheet) is None:
         return _in_rows(pressures(sheet, form), len(time), log), None
     read = read_log(log, time_shift_s=0.0, form=form)
@@ -121,26 +121,29 @@ def turned(position: Array, axes: str) -> Array:
     """Positions (s,p,3) along x (along the finger), y (across), z (up) of positions along a file's axes; NaN
     along an axis that was not seen.
 
-    axes: the file's axis for each of them, with its sign, or 0. ValueError where they are no frame, or a
+    axes: the file's axis for each of x, y, z, with its sign, or 0. ValueError where they are no frame, or a
     mirror image of one.
+
+    >>> turned(np.array([[[1.0, 2.0, 3.0]]]), "x,0,-y").tolist()
+    [[[1.0, nan, -2.0]]]
     """
-    terms, wanted = [term.strip().lower() for term in axes.split(",")], f"wanted {_about('axes')}"
+    terms, advice = [term.strip().lower() for term in axes.split(",")], f"wanted {_about('axes')}"
     if len(terms) != 3 or not all(re.fullmatch(r"0|[+-]?[xyz]", term) for term in terms):
-        raise ValueError(f"import.axes = {axes!r}: {wanted}")
+        raise ValueError(f"import.axes = {axes!r}: {advice}")
     seen = [term[-1] for term in terms if term != "0"]
     if len(set(seen)) != len(seen) or not seen:
-        raise ValueError(f"import.axes = {axes!r}: an axis stands twice, or none does; {wanted}")
+        raise ValueError(f"import.axes = {axes!r}: an axis stands twice, or none does; {advice}")
     rows = np.array([_row(term) for term in terms])
     if "0" not in terms and np.linalg.det(rows) < 0:
         raise ValueError(
             f"import.axes = {axes!r} is a mirror image: wanted right-handed axes; turn one sign around"
         )
-    found = np.full_like(position, np.nan)
+    world = np.full_like(position, np.nan)
     for axis, row in enumerate(rows):
         if row.any():
-            own = int(np.argmax(np.abs(row)))
-            found[..., axis] = row[own] * position[..., own]
-    return found
+            source = int(np.argmax(np.abs(row)))
+            world[..., axis] = row[source] * position[..., source]
+    return world
 
 
 def _row(term: str) -> Array:

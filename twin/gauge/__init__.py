@@ -2,7 +2,8 @@
 
 Read `pressurelog` first: the log, and the noise of its gauge. `logcolumns` finds its columns,
 `pressureunits` knows their units, `logfaults` says what is wrong with its samples. `pressuretable` is
-[pressure] of twin.toml. `synchrony` says what a way to synchronise film and log gives; `onset` is the
-longest of them. `agreement` refuses film and log that are not of one test, `clockfit` those that do not run
-on one clock: `delays` measures how late the finger moves at the pressure's corners.
+[pressure] of twin.toml. `synchrony` has the interface of the ways to synchronise film and log, and the
+estimator of the lag between pressure and motion; `onset` is the longest of them.
+`agreement` refuses film and log that are not of one test, `clockfit` those that do not run on one clock:
+`delays` measures how late the finger moves at the pressure's corners.
 """

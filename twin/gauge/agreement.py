@@ -1,12 +1,11 @@
-"""Whether film and pressure log can be of one test: what moves in the one is driven by the other."""
+"""Film and log of one test: the pressure of the log must explain the motion in the film."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin.gauge.pressurelog import BEYOND_S, Log
-from twin.gauge.synchrony import Motion
-from twin.targets import Array
+from twin.gauge.synchrony import LagFit, Motion
 
 MOVES_MM = 0.2  # of a finger under pressure, at least; and so many times its noise
 MOVES = 10.0
@@ -45,11 +44,11 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> t
     3.5 s away is refused, beyond what a lag of finger or clock can be, or more than 2.5 s where as stated the
     pressure says nothing of the motion.
     """
-    time, mm = _few(motion)
-    if len(time) < 2 * (DEGREE + 1):
+    fit = _few(motion, log)
+    if fit is None:
         return ()
-    moved, pressure = float(np.ptp(mm)), log.at(time + start_s)
-    rise, whole = float(np.ptp(pressure)), float(np.ptp(log.pressure))
+    time = fit.time
+    moved, rise = float(np.ptp(fit.mm)), float(np.ptp(log.at(time + start_s)))
     span = f"{time[0] + start_s:.1f} to {time[-1] + start_s:.1f} s"
     least = max(MOVES_MM, MOVES * motion.noise_mm)
     if moved < least and rise > RISES_MPA:
@@ -60,17 +59,17 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> t
         )
     if moved < least:
         return ()
-    best, most = _best(time, mm, log)
-    now = _explained(mm, pressure)
+    best, most = _best(fit)
+    now = fit.explained(start_s)
     away = abs(best - start_s) if most >= FITS else 0.0
     order = "later" if best > start_s else "earlier"
     limit = AWAY_S if now >= LEAST else BEYOND_S
-    other = _rate(time, mm, log, start_s, least=1 - most)
-    if other and other.sure:
-        raise ValueError(other.sentence)
-    told = (other.sentence,) if other else ()
+    rate_fault = _rate_fault(fit, log.path.name, start_s, least=1 - most)
+    if rate_fault and rate_fault.sure:
+        raise ValueError(rate_fault.sentence)
+    remarks = (rate_fault.sentence,) if rate_fault else ()
     if stated and away > limit and most > now + BETTER:
-        also = f"{told[0]} T" if told else "t"
+        also = f"{remarks[0]} T" if remarks else "t"
         raise ValueError(
             f"{also}he finger moves as {log.path.name} does {away:.1f} s {order}: at {best:.1f} s its "
             f"pressure explains {100 * most:.0f} % of the motion, at film_start_s = {start_s:g} s "
@@ -80,12 +79,13 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> t
     if now < LEAST and (most < FITS or away > AWAY_S):
         raise ValueError(
             f"the finger moves by {moved:.2g} mm in the film, and {log.path.name} does not say why: from "
-            f"{span} its pressure changes by {rise:.2g} MPa (by {whole:.2g} MPa in all), which explains "
-            f"{100 * now:.0f} % of the motion, wanted {100 * LEAST:.0f} % or more; are film and log of one "
-            "test, and is film_start_s right (time of the film's first frame on the clock of the log)?"
+            f"{span} its pressure changes by {rise:.2g} MPa (by {np.ptp(log.pressure):.2g} MPa in all), "
+            f"which explains {100 * now:.0f} % of the motion, wanted {100 * LEAST:.0f} % or more; are film "
+            "and log of one test, and is film_start_s right (time of the film's first frame on the clock of "
+            "the log)?"
         )
-    if told or not stated or not CLOCK_S < away <= AWAY_S or 1 - now < max(LITTLE, TOLD * (1 - most)):
-        return told
+    if remarks or not stated or not CLOCK_S < away <= AWAY_S or 1 - now < max(LITTLE, TOLD * (1 - most)):
+        return remarks
     return (
         f"The finger moves as {log.path.name} does {away:.1f} s {order}: its pressure explains "
         f"{100 * most:.1f} % of the motion there, {100 * now:.1f} % at film_start_s = {start_s:g} s. Is "
@@ -95,28 +95,29 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> t
 
 
 def other_rate(motion: Motion, log: Log, start_s: float) -> OtherRate | None:
-    """Whether the finger moves as the log does at another rate."""
-    time, mm = _few(motion)
-    if len(time) < 2 * (DEGREE + 1) or np.ptp(mm) < max(MOVES_MM, MOVES * motion.noise_mm):
+    """The fault of a film whose time runs at another rate than the log's, None without one."""
+    fit = _few(motion, log)
+    if fit is None or np.ptp(fit.mm) < max(MOVES_MM, MOVES * motion.noise_mm):
         return None
-    return _rate(time, mm, log, start_s, least=1 - _best(time, mm, log)[1])
+    return _rate_fault(fit, log.path.name, start_s, least=1 - _best(fit)[1])
 
 
-def _few(motion: Motion) -> tuple[Array, Array]:
-    """Times (t,) s and displacements (t,) mm at a few steps in which the finger is seen."""
+def _few(motion: Motion, log: Log) -> LagFit | None:
+    """The motion at a few steps in which the finger is seen, beside the log; None for too few."""
     seen = np.flatnonzero(np.isfinite(motion.mm))
-    few = np.linspace(0, len(seen) - 1, min(len(seen), MOST_STEPS)).round().astype(int)
-    return motion.time[seen[few]], motion.mm[seen[few]]
+    few = seen[np.linspace(0, len(seen) - 1, min(len(seen), MOST_STEPS)).round().astype(int)]
+    enough = len(few) >= 2 * (DEGREE + 1)
+    return LagFit.of(motion.time[few], motion.mm[few], log) if enough else None
 
 
-def _rate(time: Array, mm: Array, log: Log, start_s: float, *, least: float) -> OtherRate | None:
-    """What explains the motion where the finger moves as the log does at another rate.
+def _rate_fault(fit: LagFit, name: str, start_s: float, *, least: float) -> OtherRate | None:
+    """The fault of a film whose finger moves as the log (name) does at another rate, None without one.
 
     least: share of the motion that the pressure leaves unexplained at any time, at the film's own rate.
     """
 
     def left(rate: float, step: float) -> float:
-        return 1 - _at_rate(time, mm, log, start_s, rate, step=step)
+        return 1 - _at_rate(fit, start_s, rate, step=step)
 
     coarse = min(RATES, key=lambda rate: left(rate, STEP_S))
     rate = float(min(coarse * np.linspace(0.97, 1.03, 13), key=lambda rate: left(rate, FINE_S)))
@@ -126,43 +127,35 @@ def _rate(time: Array, mm: Array, log: Log, start_s: float, *, least: float) -> 
         return None
     what = (
         f"the film seems to run {1 / rate:.2f} times as long as the test: with its times multiplied by "
-        f"{rate:.2f} the pressure of {log.path.name} explains {100 * (1 - best):.1f} % of the motion, as "
+        f"{rate:.2f} the pressure of {name} explains {100 * (1 - best):.1f} % of the motion, as "
         f"they are {100 * (1 - now):.1f} %"
     )
-    way = "was it filmed in slow motion, has it lost frames, or was its frame rate changed?"
+    question = "was it filmed in slow motion, has it lost frames, or was its frame rate changed?"
     if now > max(MUCH, SURE * best):
         return OtherRate(
-            f"{what}; wanted a film whose time stamps are those of the camera: {way} Use the original file, "
-            "or pictures with times.csv",
+            f"{what}; wanted a film whose time stamps are those of the camera: {question} Use the original "
+            "file, or pictures with times.csv",
             sure=True,
         )
     alike = "A pressure line that lags by seconds looks alike in a short film."
-    return OtherRate(f"{what[0].upper()}{what[1:]}: {way} {alike}", sure=False)
+    return OtherRate(f"{what[0].upper()}{what[1:]}: {question} {alike}", sure=False)
 
 
-def _at_rate(time: Array, mm: Array, log: Log, start_s: float, rate: float, *, step: float) -> float:
-    """The share of the motion that the pressure explains at best with the film's times multiplied by a rate,
-    and its start moved by up to 3.5 s; 0 where the log is too short."""
-    first, last = log.time[0] - time[0] * rate, log.time[-1] - time[-1] * rate
+def _at_rate(fit: LagFit, start_s: float, rate: float, *, step: float) -> float:
+    """Largest share of the motion that the pressure explains with the film's times multiplied by a rate, and
+    its start moved by up to 3.5 s; 0 where the log is too short."""
+    earliest, latest = fit.log_time[0] - fit.time[0] * rate, fit.log_time[-1] - fit.time[-1] * rate
     starts = start_s + np.arange(-AWAY_S, AWAY_S + step / 2, step)
-    shown = (_explained(mm, log.at(s + time * rate)) for s in starts if first <= s <= last)
-    return max(shown, default=0.0)
+    return max((fit.explained(s, rate) for s in starts if earliest <= s <= latest), default=0.0)
 
 
-def _best(time: Array, mm: Array, log: Log) -> tuple[float, float]:
+def _best(fit: LagFit) -> tuple[float, float]:
     """The start of the film on the log's clock at which the pressure explains most of the motion, and how
     much; 0 and 0 where the log is too short to shift."""
-    first, last = float(log.time[0] - time[0]), float(log.time[-1] - time[-1])
-    if last <= first:
+    earliest, latest = float(fit.log_time[0] - fit.time[0]), float(fit.log_time[-1] - fit.time[-1])
+    if latest <= earliest:
         return 0.0, 0.0
-    shifts = np.arange(first, last, max(STEP_S, (last - first) / MOST_SHIFTS))
-    explained = [_explained(mm, log.at(time + s)) for s in shifts]
+    shifts = np.arange(earliest, latest, max(STEP_S, (latest - earliest) / MOST_SHIFTS))
+    explained = [fit.explained(shift) for shift in shifts]
     best = int(np.argmax(explained))
     return float(shifts[best]), float(explained[best])
-
-
-def _explained(mm: Array, pressure: Array) -> float:
-    """Share of the motion's variance that a cubic of the pressure explains."""
-    p = (pressure - pressure.mean()) / max(float(np.abs(pressure).max()), 1e-12)
-    left = mm - (columns := p[:, None] ** np.arange(DEGREE + 1)) @ np.linalg.lstsq(columns, mm, rcond=None)[0]
-    return max(1.0 - float(left @ left) / max(float(np.sum((mm - mm.mean()) ** 2)), 1e-30), 0.0)

@@ -1,4 +1,4 @@
-"""Whether film and pressure log run on one clock, by how late the finger moves at the pressure's corners."""
+"""The clocks of film and pressure log: one clock, judged by the finger's delay at the pressure's corners."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -27,66 +27,66 @@ def check_clock(motion: Motion, log: Log, join: Join, *, by: str) -> tuple[tuple
     Raises ValueError for what no finger and no pressure line does: it moves before the pressure, or its delay
     drifts or jumps.   by: `join` of twin.toml; one by the onset of motion takes the least delay as none.
     """
-    found = corners(motion, log, join.start_s)
-    if not found:
+    delays = corners(motion, log, join.start_s)
+    if not delays:
         return (), f"No corner of {log.path.name} tells how late the finger moves."
-    late, time = np.array([c.late_s for c in found]), np.array([c.at_s for c in found])
-    sd = np.hypot([c.sd_s for c in found], 0.25 * (frame := float(np.median(np.diff(motion.time)))))
+    late, time = np.array([c.late_s for c in delays]), np.array([c.at_s for c in delays])
+    sd = np.hypot([c.sd_s for c in delays], 0.25 * (frame := float(np.median(np.diff(motion.time)))))
     if by == "onset":
         late = late - late.min()
     limit = np.maximum(SDS * np.hypot(sd, join.sd_s), max(frame, FLOOR_S))
-    if fault := _fault(found, late, limit, log, join, by):
+    if fault := _fault(delays, late, limit, log, join, by):
         raise ValueError(fault)
     mean, least = float(np.average(late, weights=sd**-2)), float(np.sum(sd**-2) ** -0.5)
     note = (
-        f"The finger moves {mean:.3f} +- {least:.3f} s later than {log.path.name}, by {len(found)} corners "
+        f"The finger moves {mean:.3f} +- {least:.3f} s later than {log.path.name}, by {len(delays)} corners "
         f"of the pressure ({late.min():.3f} to {late.max():.3f} s)."
     )
-    if len(found) > 2:
+    if len(delays) > 2:
         rate, _, rate_sd = _line(time, late, sd)
         note += f" The film's times run {100 * rate:.2f} +- {100 * rate_sd:.2f} % fast."
     if by == "onset" or mean <= max(SDS * np.hypot(least, join.sd_s), frame, FLOOR_S):
         return (), note
     return (
         f"The finger moves {mean:.2f} s later than the pressure of {log.path.name} ({late.min():.2f} to "
-        f"{late.max():.2f} s, by {len(found)} of its corners), and the clocks are stated to {join.sd_s:.2g} "
+        f"{late.max():.2f} s, by {len(delays)} of its corners), and the clocks are stated to {join.sd_s:.2g} "
         "s. Does the pressure line lag, or is film_start_s too late? `twin diagnose` tests both "
         "(pressure_lag, time_shift).",
     ), note
 
 
-def _fault(found: Sequence[Corner], late: Array, limit: Array, log: Log, join: Join, by: str) -> str:
-    """What no finger does, "" for none."""
-    order, time = late.argsort(), np.array([c.at_s for c in found])
-    first, last = order[[1, -2]] if len(late) > 4 else order[[0, -1]]  # of many, one corner may be wrong
-    spread = float(late[last] - late[first])
-    apart = spread > float(np.hypot(limit[first], limit[last]))
-    rate, off, _ = _line(time, late, limit) if len(found) > 3 else (0.0, np.inf, np.inf)
-    before = [c for c, x, least in zip(found, late, limit, strict=True) if -x > least]
+def _fault(delays: Sequence[Corner], late: Array, limit: Array, log: Log, join: Join, by: str) -> str:
+    """Sentence on delays that no finger has, "" without one."""
+    order, time = late.argsort(), np.array([c.at_s for c in delays])
+    earliest, latest = order[[1, -2]] if len(late) > 4 else order[[0, -1]]  # of many, one corner may be wrong
+    spread = float(late[latest] - late[earliest])
+    apart = spread > float(np.hypot(limit[earliest], limit[latest]))
+    rate, off, _ = _line(time, late, limit) if len(delays) > 3 else (0.0, np.inf, np.inf)
+    before = [c for c, x, least in zip(delays, late, limit, strict=True) if -x > least]
     drifts = apart and spread > DRIFT_S and off < LINE * spread
-    early = -late[first] > limit[first] and not _physics(before, log, join.start_s)
-    wide = apart and spread > LAG_S and not _physics([found[first], found[last]], log, join.start_s)
+    early = -late[earliest] > limit[earliest] and not _physics(before, log, join.start_s)
+    wide = apart and spread > LAG_S and not _physics([delays[earliest], delays[latest]], log, join.start_s)
     if not (early or wide or drifts):
         return ""
     changes = float(np.ptp(late)) > float(np.hypot(limit[order[0]], limit[order[-1]]))
-    a, b = sorted((order[0], order[-1])) if changes else (first, first)
+    a, b = sorted((order[0], order[-1])) if changes else (earliest, earliest)
     then = f", {_delay(late[b])} it at {time[b]:.1f} s" if changes else ""
-    said = (
+    text = (
         f"film and {log.path.name} do not run on one clock: the finger moves {_delay(late[a])} the pressure "
         f"at {time[a]:.1f} s of the film{then}; no finger does so, and the clocks are stated to "
         f"{join.sd_s:.2g} s; "
     )
     if drifts:
-        return f"{said}the film's times run {100 * abs(rate):.1f} % {_fast(rate)}: {ORIGINAL}"
+        return f"{text}the film's times run {100 * abs(rate):.1f} % {_fast(rate)}: {ORIGINAL}"
     if changes:
         k = int(np.abs(np.diff(late)).argmax())
         where = f"between {time[k]:.1f} and {time[k + 1]:.1f} s"
-        return f"{said}frames were lost {where}, or its frame rate was changed or made constant: {ORIGINAL}"
+        return f"{text}frames were lost {where}, or its frame rate was changed or made constant: {ORIGINAL}"
     if by != "stamps":
-        return f"{said}did the lamp go on when the log says? Where frames were lost, {ORIGINAL}"
+        return f"{text}did the lamp go on when the log says? Where frames were lost, {ORIGINAL}"
     start = join.start_s - float(np.average(late, weights=limit**-2))
     return (
-        f"{said}correct film_start_s ({start:.2f} s would fit), or state in sync_sd_s how well it is known "
+        f"{text}correct film_start_s ({start:.2f} s would fit), or state in sync_sd_s how well it is known "
         f"(a gauge that filters reads late); where frames were lost, {ORIGINAL}"
     )
 
@@ -105,20 +105,24 @@ def _line(time: Array, late: Array, sd: Array) -> tuple[float, float, float]:
     return float(line[0]), float(np.std(late - np.polyval(line, time))), float(np.sqrt(covariance[0, 0]))
 
 
-def _physics(some: Sequence[Corner], log: Log, start_s: float) -> bool:
-    """Whether one delay, one lag of the pressure line and friction explain the motion at these corners."""
-    clock, whole = log.time - start_s, float(np.ptp(log.pressure))
-    best = [AS_WELL * c.squares(clock, log.pressure, c.late_s) for c in some]
+def _physics(delays: Sequence[Corner], log: Log, start_s: float) -> bool:
+    """True where one delay, one lag of the pressure line and friction explain the motion at these corners."""
+    clock, log_range = log.time - start_s, float(np.ptp(log.pressure))
+    best = [AS_WELL * c.squares(c.late_s) for c in delays]
     for share, tau in product(FRICTION, LAGS_S):
-        pressure = first_order_lag(clock, _held(log.pressure, share * whole), tau)
+        pressure = first_order_lag(clock, _held(log.pressure, share * log_range), tau)
         for late in np.arange(0.0, WITHIN_S, FLOOR_S).tolist():
-            if all(c.squares(clock, pressure, late) <= most for c, most in zip(some, best, strict=True)):
+            if all(c.squares(late, pressure) <= most for c, most in zip(delays, best, strict=True)):
                 return True
     return False
 
 
 def _held(pressure: Array, by: float) -> Array:
-    """What drives a finger (t,) MPa that friction holds until the pressure has turned by twice `by`, MPa."""
+    """Effective pressure (t,) MPa with friction, which holds it until the pressure has turned by twice `by`.
+
+    >>> _held(np.array([0.0, 1.0, 0.9, 0.0]), 0.1).round(3).tolist()
+    [0.0, 0.9, 0.9, 0.1]
+    """
     out, now = np.empty_like(pressure), float(pressure[0])
     for k, p in enumerate(pressure.tolist()):
         out[k] = now = min(max(now, p - by), p + by)

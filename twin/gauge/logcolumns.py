@@ -25,7 +25,7 @@ from twin.targets import Array
 
 @dataclass(frozen=True)
 class LogFormat:
-    """How a log is to be read, where its headings do not tell: `[pressure]` of twin.toml."""
+    """Column, unit and calibration line of a log, from `[pressure]` of twin.toml where headings lack them."""
 
     column: str | None = None  # heading of the pressure
     unit: str | None = None  # of that column
@@ -43,16 +43,16 @@ class Column:
 
 def time_column(sheet: Sheet) -> Column | None:
     """The column of the time, in s, ms or min, None where there is none. ValueError where there are two."""
-    found = _columns(sheet, TIME, exact="time_s")
-    _check_one(sheet, found, "time", "remove or rename one of them")
-    if not found:
+    columns = _columns(sheet, TIME, exact="time_s")
+    _check_one(sheet, columns, "time", "remove or rename one of them")
+    if not columns:
         return None
-    what = f"{sheet.path}: column {found[0].name!r}"
-    unit = unit_of(found[0].unit, what=what) if found[0].unit else ""
+    what = f"{sheet.path}: column {columns[0].name!r}"
+    unit = unit_of(columns[0].unit, what=what) if columns[0].unit else ""
     if unit not in ("s", "ms", "min"):
         has = f"the unit {unit}" if unit else "no unit"
         raise ValueError(f"{what} has {has}: wanted s, ms or min, as in time_s or t [ms]")
-    return Column(found[0].name, unit)
+    return Column(columns[0].name, unit)
 
 
 def pressures(sheet: Sheet, form: LogFormat) -> Array:
@@ -93,27 +93,27 @@ def pressure_column(sheet: Sheet, form: LogFormat) -> Column:
         if named not in sheet.header:
             raise ValueError(f"{sheet.path}: [pressure] column = {named!r} is not in the header "
                              f"{','.join(sheet.header)}; correct it in twin.toml")  # fmt: skip
-        own = heading(named)
-        return Column(named, own.unit if own.word in PRESSURE or own.unit in KNOWN else "")
-    found = _columns(sheet, PRESSURE if form.line is None else (*PRESSURE, *VOLTAGE), exact="pressure_MPa")
-    _check_one(sheet, found, "pressure", "say which with column under [pressure] of twin.toml")
-    if not found:
+        meaning = heading(named)
+        return Column(named, meaning.unit if meaning.word in PRESSURE or meaning.unit in KNOWN else "")
+    columns = _columns(sheet, PRESSURE if form.line is None else (*PRESSURE, *VOLTAGE), exact="pressure_MPa")
+    _check_one(sheet, columns, "pressure", "say which with column under [pressure] of twin.toml")
+    if not columns:
         raise ValueError(f"{sheet.path}: column pressure_MPa is missing: the header is "
                          f"{','.join(sheet.header)}; wanted a heading such as pressure_MPa, p [bar] or "
                          "Pressure (psi), or column under [pressure] of twin.toml")  # fmt: skip
-    return found[0]
+    return columns[0]
 
 
 def _columns(sheet: Sheet, words: tuple[str, ...], *, exact: str) -> list[Column]:
-    """The columns whose headings begin with one of these words; only the exact one where it is there."""
+    """The columns whose headings begin with any of these words; the exact heading alone where it exists."""
     names = [name for name in sheet.header if name == exact] or sheet.header
     named = [(name, heading(name)) for name in names]
-    return [Column(name, found.unit) for name, found in named if found.word in words]
+    return [Column(name, meaning.unit) for name, meaning in named if meaning.word in words]
 
 
-def _check_one(sheet: Sheet, found: list[Column], what: str, way_out: str) -> None:
-    if len(found) > 1:
-        names = " and ".join(repr(column.name) for column in found)
+def _check_one(sheet: Sheet, columns: list[Column], what: str, way_out: str) -> None:
+    if len(columns) > 1:
+        names = " and ".join(repr(column.name) for column in columns)
         raise ValueError(f"{sheet.path}: columns {names} are both of {what}; wanted one: {way_out}")
 
 
@@ -122,12 +122,12 @@ def _unit(path: Path, column: Column, form: LogFormat) -> str:
     what = f"{path}: column {column.name!r}"
     if speaks_of_absolute(column.name):
         refuse_absolute(column.name, what=what)
-    own = unit_of(column.unit, what=what) if column.unit else ""
-    told = "" if form.unit is None else unit_of(form.unit, what="[pressure] unit of twin.toml")
-    if own and told and own != told:
-        raise ValueError(f"{what} says {own}, [pressure] unit of twin.toml says {told}; wanted one unit: "
-                         "correct the heading or the key")  # fmt: skip
-    unit = told or own
+    heading_unit = unit_of(column.unit, what=what) if column.unit else ""
+    stated_unit = "" if form.unit is None else unit_of(form.unit, what="[pressure] unit of twin.toml")
+    if heading_unit and stated_unit and heading_unit != stated_unit:
+        raise ValueError(f"{what} says {heading_unit}, [pressure] unit of twin.toml says {stated_unit}; "
+                         "wanted one unit: correct the heading or the key")  # fmt: skip
+    unit = stated_unit or heading_unit
     if not unit:
         raise ValueError(f"{what} has no unit: wanted {UNITS}; rename it, as in pressure_kPa, or set unit "
                          "under [pressure] of twin.toml")  # fmt: skip

@@ -1,5 +1,4 @@
-"""Whether a pressure log says what a gauge has read while the film ran: no gaps, no dropped samples, no
-stop."""
+"""Faults of a pressure log while the film ran: gaps, dropped samples, a logger that stopped."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,35 +16,35 @@ RESTS = 0.05  # share of the range that a gauge may read while the finger rests
 
 
 def check_signal(log: Log, *, start: float, end: float) -> tuple[str, ...]:
-    """Sentences on a log between two times (s), those of the film; ValueError where its pressures are
-    wrong."""
-    own = (log.time >= start) & (log.time <= end)
-    if own.sum() < 3 or not np.ptp(log.pressure):
+    """Sentences on a log between the times (s) at which the film starts and ends; ValueError where its
+    pressures are wrong."""
+    inside = (log.time >= start) & (log.time <= end)
+    if inside.sum() < 3 or not np.ptp(log.pressure):
         return ()
-    _check_gaps(log, own)
-    return (*_alone(log, own), *_stuck(log, own))
+    _check_gaps(log, inside)
+    return (*_alone(log, inside), *_stuck(log, inside))
 
 
 def rest_remark(log: Log, *, start: float, rest_s: float) -> str:
     """A sentence where the gauge does not read zero while the finger rests, "" where it does."""
-    own = (log.time >= start) & (log.time <= start + rest_s)
-    if not own.any():
+    inside = (log.time >= start) & (log.time <= start + rest_s)
+    if not inside.any():
         return ""
-    mean, whole = float(log.pressure[own].mean()), float(np.ptp(log.pressure))
-    if abs(mean) <= RESTS * whole:
+    mean, log_range = float(log.pressure[inside].mean()), float(np.ptp(log.pressure))
+    if abs(mean) <= RESTS * log_range:
         return ""
     return (
         f"{log.path.name} reads {mean:.2g} MPa while the finger rests ({start:.1f} to {start + rest_s:.1f} "
-        f"s), {100 * abs(mean) / whole:.0f} % of its range; wanted 0, vented. If the gauge's zero is off, "
-        "subtract it from the log; if the film starts later than film_start_s says, correct that."
+        f"s), {100 * abs(mean) / log_range:.0f} % of its range; wanted 0, vented. If the gauge's zero "
+        "is off, subtract it from the log; if the film starts later than film_start_s says, correct that."
     )
 
 
-def _check_gaps(log: Log, own: NDArray[np.bool_]) -> None:
+def _check_gaps(log: Log, inside: NDArray[np.bool_]) -> None:
     """Raise ValueError where samples are missing while the pressure changes."""
     step, rise = np.diff(log.time), np.abs(np.diff(log.pressure))
     missing = step > max(GAP * float(np.median(step)), GAP_S)
-    bad = np.flatnonzero(missing & (rise > CHANGES * np.ptp(log.pressure)) & (own[1:] | own[:-1]))
+    bad = np.flatnonzero(missing & (rise > CHANGES * np.ptp(log.pressure)) & (inside[1:] | inside[:-1]))
     if len(bad):
         k = int(bad[0])
         raise ValueError(
@@ -55,14 +54,14 @@ def _check_gaps(log: Log, own: NDArray[np.bool_]) -> None:
         )
 
 
-def _alone(log: Log, own: NDArray[np.bool_]) -> tuple[str, ...]:
+def _alone(log: Log, inside: NDArray[np.bool_]) -> tuple[str, ...]:
     """A sentence on samples far off both neighbours; ValueError where samples are so dense that no pressure
     does so."""
     before, after = log.pressure[1:-1] - log.pressure[:-2], log.pressure[1:-1] - log.pressure[2:]
     least = np.minimum(np.abs(before), np.abs(after))
     far = max(ALONE * float(np.ptp(log.pressure)), NOISES * float(np.median(least)))
     off = (before * after > 0) & (least > far) & (np.abs(before - after) < least / 2)
-    rows = 1 + np.flatnonzero(off & own[1:-1])
+    rows = 1 + np.flatnonzero(off & inside[1:-1])
     if not len(rows):
         return ()
     k = int(rows[0])
@@ -77,19 +76,19 @@ def _alone(log: Log, own: NDArray[np.bool_]) -> tuple[str, ...]:
     )
 
 
-def _stuck(log: Log, own: NDArray[np.bool_]) -> tuple[str, ...]:
+def _stuck(log: Log, inside: NDArray[np.bool_]) -> tuple[str, ...]:
     """A sentence where a log with noise repeats one value, above its lowest, for long."""
     same, above = np.diff(log.pressure) == 0, log.pressure[1:] > log.pressure.min()
-    first, last = _longest(same & above)
-    long = last - first >= STUCK and log.time[last] - log.time[first] >= STUCK_S
-    if not long or not own[first : last + 1].any():
+    begin, end = _longest(same & above)
+    long = end - begin >= STUCK and log.time[end] - log.time[begin] >= STUCK_S
+    if not long or not inside[begin : end + 1].any():
         return ()
-    steps = np.delete(np.diff(log.pressure), np.arange(first, last))[np.delete(above, np.arange(first, last))]
+    steps = np.delete(np.diff(log.pressure), np.arange(begin, end))[np.delete(above, np.arange(begin, end))]
     if not len(steps) > STUCK or (steps[1:] * steps[:-1] < 0).mean() < NOISY:
         return ()
     return (
-        f"{log.path.name} repeats {log.pressure[first]:.6g} MPa from {log.time[first]:.2f} to "
-        f"{log.time[last]:.2f} s, while its last digits change elsewhere. Has the logger stopped, or has "
+        f"{log.path.name} repeats {log.pressure[begin]:.6g} MPa from {log.time[begin]:.2f} to "
+        f"{log.time[end]:.2f} s, while its last digits change elsewhere. Has the logger stopped, or has "
         "the gauge reached the end of its range?",
     )
 
@@ -100,5 +99,5 @@ def _longest(flags: NDArray[np.bool_]) -> tuple[int, int]:
     if not len(edges):
         return 0, 0
     runs = edges.reshape(-1, 2)
-    first, last = runs[int(np.argmax(runs[:, 1] - runs[:, 0]))]
-    return int(first), int(last)
+    begin, end = runs[int(np.argmax(runs[:, 1] - runs[:, 0]))]
+    return int(begin), int(end)

@@ -1,13 +1,13 @@
 """Synchronise film and pressure log by the first rise of the displacements."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.gauge.pressurelog import Log
-from twin.gauge.synchrony import Join, Motion
+from twin.gauge.synchrony import Join, LagFit, Motion, parabola
 from twin.targets import Array
 
 if TYPE_CHECKING:
@@ -37,14 +37,14 @@ def onset_join(motion: Motion, log: Log) -> Join:
     itself cannot be told from one of the clock. Raises ValueError where nothing moves, where too few places
     are within the rise, and where the log fits at two times.
     """
-    t, m = _first_rise(motion)
-    shifts = _shifts(log, t, motion.time)
-    squares = np.array([_squares(t, m, log, s, 3) for s in shifts])
+    fit = LagFit.of(*_first_rise(motion), log, constant=False)
+    shifts = _shifts(log, fit.time, motion.time)
+    squares = np.array([fit.squares(shift) for shift in shifts])
     best = int(np.argmin(squares))
     _check_rivals(shifts, squares, best, log)
-    shift, sd = _refined(t, m, log, shifts, best, 3)
-    other, _ = _refined(t, m, log, shifts, best, 2)
-    sd = float(np.hypot(sd, shift - other))
+    shift, sd = _refined(fit, float(shifts[best]))
+    quadratic, _ = _refined(replace(fit, degree=2), float(shifts[best]))
+    sd = float(np.hypot(sd, shift - quadratic))
     shift = float(np.clip(shift, log.time[0], log.time[-1] - motion.time[-1]))
     return Join(
         shift,
@@ -76,27 +76,14 @@ def _first_rise(motion: Motion) -> tuple[Array, Array]:
 
 def _shifts(log: Log, t: Array, time: Array) -> Array:
     """Shifts (k,) s at which the log covers the whole film."""
-    first, last = float(log.time[0]), float(log.time[-1] - time[-1])
-    if last <= first:
+    earliest, latest = float(log.time[0]), float(log.time[-1] - time[-1])
+    if latest <= earliest:
         raise ValueError(
             f"{log.path.name} covers {log.time[-1] - log.time[0]:.3f} s, the film {time[-1]:.3f} s: "
             "wanted a log that covers all of it"
         )
-    step = max(0.5 * float(np.median(np.diff(t))), (last - first) / MOST_SHIFTS)
-    return np.arange(first, last, step)
-
-
-def _squares(t: Array, m: Array, log: Log, shift: float, degree: int) -> float:
-    return float(np.sum(_residual(t, m, log, shift, degree) ** 2))
-
-
-def _residual(t: Array, m: Array, log: Log, shift: float, degree: int) -> Array:
-    """What a polynomial of the pressure, 0 at the log's rest, leaves of the motion."""
-    p, span = log.at(t + shift), max(float(np.abs(log.pressure).max()), 1e-12)
-    p = (p - p[0]) / span
-    powers = p[:, None] ** np.arange(1, degree + 1)
-    found, *_ = np.linalg.lstsq(powers, m, rcond=None)
-    return np.asarray(m - powers @ found)
+    step = max(0.5 * float(np.median(np.diff(t))), (latest - earliest) / MOST_SHIFTS)
+    return np.arange(earliest, latest, step)
 
 
 def _check_rivals(shifts: Array, squares: Array, best: int, log: Log) -> None:
@@ -111,26 +98,16 @@ def _check_rivals(shifts: Array, squares: Array, best: int, log: Log) -> None:
         )
 
 
-def _refined(t: Array, m: Array, log: Log, shifts: Array, best: int, degree: int) -> tuple[float, float]:
+def _refined(fit: LagFit, shift: float) -> tuple[float, float]:
     """Minimum of the squares near a shift, by ever narrower parabolas, and its sd.
 
     The last reaches a quarter of a frame interval to each side: the log's noise makes the squares rough from
     shift to shift, and kinks of the pressure make wide parabolas lopsided.
     """
-    shift, width = float(shifts[best]), float(np.median(np.diff(t)))
-    curvature = 0.0
+    width, curvature = float(np.median(np.diff(fit.time))), 0.0
     for share in (1.0, 0.5, 0.25, 0.25):
-        near = share * np.linspace(-width, width, 11)
-        bend, slope, _ = np.polyfit(near, [_squares(t, m, log, shift + x, degree) for x in near], 2)
-        curvature = 2.0 * float(bend)
-        if curvature > 0:
-            shift += float(np.clip(-slope / curvature, -width, width))
-    left = _residual(t, m, log, shift, degree)
-    power = float(left @ left)
-    rho = float(np.clip(left[1:] @ left[:-1] / max(power, 1e-30), 0.0, 0.95))
+        near = shift + share * np.linspace(-width, width, 11)
+        shift, curvature = parabola(near, np.array([fit.squares(x) for x in near]), width)
     # The log's noise moves the prediction within the rise only, which alone tells the shift.
-    rise = left[m > 0.05 * m.max()]
-    scatter = max(power / max(len(left) - degree - 1, 1), float(rise @ rise) / max(len(rise) - degree - 1, 1))
-    variance = scatter * (1.0 + rho) / (1.0 - rho)
-    sd = np.sqrt(2.0 * variance / curvature) if curvature > 0 else width
-    return shift, float(sd)
+    rise = fit.mm > 0.05 * fit.mm.max()
+    return shift, fit.sd(shift, curvature, mask=rise) if curvature > 0 else width

@@ -73,14 +73,14 @@ def read_log(path: Path, *, time_shift_s: float, form: LogFormat | None = None) 
     """
     sheet = read_sheet(path, wanted="time_s,pressure_MPa")
     form = form or LogFormat()
-    at, p = time_column(sheet), pressure_column(sheet, form)
-    if at is None:
+    clock, p = time_column(sheet), pressure_column(sheet, form)
+    if clock is None:
         raise ValueError(f"{path}: column time_s is missing: the header is {','.join(sheet.header)}; wanted "
                          "the time in s, such as time_s or t [ms]")  # fmt: skip
-    table = sheet.table((at.name, p.name), also=("flash",))
-    time = in_seconds(table.numbers(at.name, unit=at.unit), at.unit)
-    _check_columns(path, time, table.numbers(p.name, unit=p.unit), at.name, p.name)
-    table.increasing(at.name, time, unit="s")
+    table = sheet.table((clock.name, p.name), also=("flash",))
+    time = in_seconds(table.numbers(clock.name, unit=clock.unit), clock.unit)
+    _check_columns(path, time, table.numbers(p.name, unit=p.unit), clock.name, p.name)
+    table.increasing(clock.name, time, unit="s")
     if len(time) < 2:
         raise ValueError(f"{path}: {len(time)} sample; wanted two or more")
     pressure, unit = gauge_pressure(table, p, form)

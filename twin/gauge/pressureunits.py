@@ -31,20 +31,24 @@ class Line:
 
 @dataclass(frozen=True)
 class Heading:
-    """What a heading says: the quantity's first word in small letters, and its unit as it stands there."""
+    """A heading's parts: the quantity's first word in small letters, and its unit as written."""
 
     word: str
     unit: str  # "" where it says none
 
 
 def heading(text: str) -> Heading:
-    """The word and the unit of a heading: pressure_kPa, p [bar], Pressure (psi), Druck/bar, time_s, t."""
+    """The word and the unit of a heading: pressure_kPa, p [bar], Pressure (psi), Druck/bar, time_s, t.
+
+    >>> heading("Pressure (psi)"), heading("p [bar]").unit, heading("t")
+    (Heading(word='pressure', unit='psi'), 'bar', Heading(word='t', unit=''))
+    """
     bare = text.strip().strip('"')
     for pattern in (r"(.*?)\s*\[(.*)\]", r"(.*?)\s*\((.*)\)", r"(.*?)\s*/\s*(\S+)", r"(.*?)\s+in\s+(\S+)",
                     r"(.*)_(\w+(?:\(\w\))?)"):  # fmt: skip
-        found = re.fullmatch(pattern, bare)
-        if found and found[1]:
-            return Heading(_word(found[1]), found[2].strip())
+        match = re.fullmatch(pattern, bare)
+        if match and match[1]:
+            return Heading(_word(match[1]), match[2].strip())
     return Heading(_word(bare), "")
 
 
@@ -53,19 +57,25 @@ def _word(text: str) -> str:
 
 
 def unit_of(text: str, *, what: str) -> str:
-    """The unit as this program writes it; ValueError where it is unclear or one of absolute pressure.
+    """The unit in this program's spelling; ValueError where it is unclear or of absolute pressure.
 
-    what: how the error names the place it was read from.
+    what: the place it was read from, for the error.
+
+    >>> unit_of("barg", what="log.csv"), unit_of("kpa", what="log.csv")
+    ('bar', 'kPa')
+    >>> unit_of("bar abs", what="log.csv")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ValueError: log.csv is absolute pressure (bar abs): wanted gauge pressure, ...
     """
     plain = text.strip()
     if plain.lower() in ABSOLUTE or speaks_of_absolute(plain):
         refuse_absolute(plain, what=what)
     plain = GAUGE.get(plain.lower(), SLOPPY.get(plain.lower(), plain))
-    for known in KNOWN:
+    for unit in KNOWN:
         # m and M are a factor of 1e9 apart, so their case must be right; that of the others says nothing
-        if plain.lower() == known.lower() and (plain[0] == known[0] or plain[0] not in "mM"):
-            return known
-    if plain.lower() in (known.lower() for known in KNOWN):
+        if plain.lower() == unit.lower() and (plain[0] == unit[0] or plain[0] not in "mM"):
+            return unit
+    if plain.lower() in (unit.lower() for unit in KNOWN):
         raise ValueError(f"{what} has the unit {text!r}, which may be milli or mega: wanted one of {UNITS}")
     if not _is_pressure(plain):
         raise ValueError(f"{what} has the unit {text!r}, which is none of pressure: wanted one of {UNITS}")
@@ -73,12 +83,12 @@ def unit_of(text: str, *, what: str) -> str:
 
 
 def speaks_of_absolute(text: str) -> bool:
-    """Whether a heading or a unit says that the pressure is absolute: bar abs, pressure_abs_kPa."""
+    """True for a heading or a unit of absolute pressure: bar abs, pressure_abs_kPa."""
     return re.search(r"(?<![a-z])abs", text.lower()) is not None
 
 
 def refuse_absolute(text: str, *, what: str) -> NoReturn:
-    """Raise the ValueError that says how to make gauge pressure of it."""
+    """Raise the ValueError that explains how to make gauge pressure of absolute pressure."""
     raise ValueError(
         f"{what} is absolute pressure ({text}): wanted gauge pressure, which is 0 when the finger is vented; "
         "subtract the reading at rest and name the column after the result"
@@ -98,7 +108,13 @@ def _is_pressure(unit: str) -> bool:
 
 
 def in_MPa(values: Array, unit: str, *, line: Line | None) -> Array:
-    """Gauge pressure (t,) MPa from readings (t,) in a unit of `unit_of`; volts by the calibration line."""
+    """Gauge pressure (t,) MPa from readings (t,) in a unit of `unit_of`; volts by the calibration line.
+
+    >>> in_MPa(np.array([0.0, 50.0]), "kPa", line=None).round(6).tolist()
+    [0.0, 0.05]
+    >>> in_MPa(np.array([0.5, 2.5]), "V", line=Line(volt_zero=0.5, MPa_per_V=0.1)).tolist()
+    [0.0, 0.2]
+    """
     if unit == "MPa":
         return values  # bit for bit
     if unit in ("V", "mV"):
@@ -108,14 +124,18 @@ def in_MPa(values: Array, unit: str, *, line: Line | None) -> Array:
 
 
 def in_seconds(values: Array, unit: str) -> Array:
-    """Times (t,) s from times (t,) in s, ms or min."""
+    """Times (t,) s from times (t,) in s, ms or min.
+
+    >>> in_seconds(np.array([0.0, 250.0]), "ms").tolist()
+    [0.0, 0.25]
+    """
     return values if unit == "s" else _converted(values, unit, "s")
 
 
-def _converted(values: Array, unit: str, wanted: str) -> Array:
-    if unit == wanted:
+def _converted(values: Array, unit: str, target: str) -> Array:
+    if unit == target:
         return values
     import pint
 
     registry = pint.get_application_registry()
-    return np.asarray(registry.Quantity(values, unit).to(wanted).magnitude, dtype=np.float64)
+    return np.asarray(registry.Quantity(values, unit).to(target).magnitude, dtype=np.float64)

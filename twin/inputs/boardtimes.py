@@ -69,14 +69,14 @@ def _stamps(path: Path, name: str, cameras: list[str]) -> "Array":
     camera = next((c for c in CAMERA if c in sheet.header), None)
     table = sheet.table([time] if camera is None else [time, camera])
     seconds = table.numbers(time, unit="s")
-    own = seconds if camera is None else seconds[_rows(table, camera, name, cameras)]
-    if np.any(np.diff(own) <= 0):
-        at = int(np.argmax(np.diff(own) <= 0))
+    stamps = seconds if camera is None else seconds[_rows(table, camera, name, cameras)]
+    if np.any(np.diff(stamps) <= 0):
+        row = int(np.argmax(np.diff(stamps) <= 0))
         raise ValueError(
-            f"{path}: the stamps of camera {name!r} do not increase: {own[at]:g} s is followed by "
-            f"{own[at + 1]:g} s; wanted the frames of each camera in order"
+            f"{path}: the stamps of camera {name!r} do not increase: {stamps[row]:g} s is followed by "
+            f"{stamps[row + 1]:g} s; wanted the frames of each camera in order"
         )
-    return own
+    return stamps
 
 
 def _rows(table: Table, column: str, name: str, cameras: list[str]) -> list[int]:

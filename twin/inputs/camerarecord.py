@@ -1,4 +1,4 @@
-"""What camera.json and rig.json hold: the lenses that `twin camera` has found, and how they stand."""
+"""Records camera.json and rig.json: the lenses that `twin camera` has calibrated, and their positions."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
@@ -62,7 +62,7 @@ def stored_rig(path: Path) -> "Rig":
 
 
 def stored_cameras(path: Path) -> "tuple[Camera, ...]":
-    """The camera of a camera.json, or those of a rig.json."""
+    """The cameras (c,) of a camera.json or a rig.json."""
     from vision import Camera
 
     if path.name == RigRecord.file:

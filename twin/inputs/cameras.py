@@ -31,8 +31,8 @@ def board_of(project: Project, table: CameraTable) -> "Board":
     from vision import Board
 
     assert table.board is not None  # the configuration refuses boards without it
-    stated = table.board.model_dump() | {"marker_mm": table.board.marker_mm or 0.0}
-    return Board.of(**stated | {"dictionary": dictionary_name(project, table.board.dictionary)})
+    keys = table.board.model_dump() | {"marker_mm": table.board.marker_mm or 0.0}
+    return Board.of(**keys | {"dictionary": dictionary_name(project, table.board.dictionary)})
 
 
 def read_lens(project: Project, table: CameraTable) -> "Camera":
@@ -65,8 +65,8 @@ def camera_inputs(project: Project) -> dict[str, Any]:
     if len(tables) == 1:
         return _one_camera_inputs(project, tables[0])
     each = [_one_camera_inputs(project, table) for table in tables]
-    inputs = list(dict.fromkeys(path for one in each for path in one["inputs"]))
-    extra = {table.name: one["extra"] for table, one in zip(tables, each, strict=True)}
+    inputs = list(dict.fromkeys(path for camera in each for path in camera["inputs"]))
+    extra = {table.name: camera["extra"] for table, camera in zip(tables, each, strict=True)}
     return {"tables": (), "inputs": inputs, "extra": {"rig": extra}}
 
 
@@ -82,9 +82,9 @@ def _one_camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
     board = table.board
     assert board is not None  # the configuration refuses boards without it
     extra = {"board": board.model_dump(), "max_rms_px": table.max_rms_px, "mirrored": table.mirrored}
-    own = dictionary_files(project, board.dictionary)
+    dictionary = dictionary_files(project, board.dictionary)
     stamps = stamps_file(project, table)
-    inputs = [*board_images(project, table), *own, *([stamps] if stamps else [])]
+    inputs = [*board_images(project, table), *dictionary, *([stamps] if stamps else [])]
     return {"tables": (), "inputs": inputs, "extra": extra}
 
 
@@ -125,7 +125,7 @@ def camera_path(project: Project) -> Path:
 
 
 def result_of(project: Project, stage: str, folder: Path, *, skipped: bool = False) -> dict[str, Any]:
-    """What --json prints."""
+    """The result of a stage as --json prints it."""
     summary = files.plain(project.info(folder).summary)
     return {
         "stage": stage,

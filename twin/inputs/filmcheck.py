@@ -1,4 +1,4 @@
-"""What `twin check` finds in films and board pictures within seconds that `twin measure` would find later."""
+"""Quick look at films and board pictures: faults that `twin measure` would find later, within seconds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -79,8 +79,8 @@ def _draw(
     """Draw the first frame, whatever is wrong with it; without the lens, which may be unknown yet."""
     from vision.drawing.ringsheet import ring_sheet
 
-    picture, found = ring_sheet(film, marks, dictionary=dictionary_name(project, table.dictionary))
-    what = f"the first frame of {table.film} with every marker circled, {found} of {len(marks)} found"
+    picture, detected = ring_sheet(film, marks, dictionary=dictionary_name(project, table.dictionary))
+    what = f"the first frame of {table.film} with every marker circled, {detected} of {len(marks)} found"
     try:
         files.write_bytes(project.root / name, bytes(cv2.imencode(".png", picture)[1]))
     except PermissionError:  # a project that may only be read is checked all the same
@@ -99,12 +99,12 @@ def _findings(look: _Look, log: Log) -> list[str]:
         glimpses(film, look.camera, look.marks, dictionary=look.dictionary, reference_s=rest_s)
         for film, rest_s in ((look.film, look.project.config.measure.reference_s), (look.static, None))
     )
-    for film, own in ((look.film, seen), (look.static, still)):
-        check_glimpses(film, own, look.marks, look.dictionary)
+    for film, frames in ((look.film, seen), (look.static, still)):
+        check_glimpses(film, frames, look.marks, look.dictionary)
     _whole_pictures(look, seen)
-    said = [*_marks(look, seen), *_rests(look, seen, still, log), *_small(look, seen), *_seldom(look, seen)]
-    said += [*_apart(look, seen, still), *_lit(look, seen)]
-    return [*said, *_motion(look, seen, log)]
+    sentences = [*_marks(look, seen), *_rests(look, seen, still, log), *_small(look, seen)]
+    sentences += [*_seldom(look, seen), *_apart(look, seen, still), *_lit(look, seen)]
+    return [*sentences, *_motion(look, seen, log)]
 
 
 def _whole_pictures(look: _Look, seen: "Glimpses") -> None:
@@ -132,8 +132,8 @@ def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
     sd, glued = look.project.config.measure.frame_sd_mm, look.project.config.measure.placement_sd_mm
     check_marks(look.marks, seen.warp, camera=look.camera, frame_sd_mm=sd)
     fit = frame_fit(look.marks, seen.warp[:, :2, 2], sd_mm=max(sd, CORNERS_MM))
-    said = doubts(look.marks, seen.warp, camera=look.camera, placement_sd_mm=glued)
-    return (*without_odd(fit, look.marks)[1], *said)
+    sentences = doubts(look.marks, seen.warp, camera=look.camera, placement_sd_mm=glued)
+    return (*without_odd(fit, look.marks)[1], *sentences)
 
 
 def _rests(look: _Look, seen: "Glimpses", still: "Glimpses", log: Log) -> tuple[str, ...]:
@@ -149,8 +149,8 @@ def _rests(look: _Look, seen: "Glimpses", still: "Glimpses", log: Log) -> tuple[
         )
     except ValueError as moving:
         course = _course(look, seen, np.arange(len(seen.time)) < AT_FIRST)
-        if course is not None and (other := other_rate(course, log, look.table.film_start_s)):
-            raise ValueError(other.sentence if other.sure else f"{moving}. {other.sentence}") from None
+        if course is not None and (rate := other_rate(course, log, look.table.film_start_s)):
+            raise ValueError(rate.sentence if rate.sure else f"{moving}. {rate.sentence}") from None
         raise
     static = look.static.path.name
     return (*moved, *check_rest(_places(look, still)[:, coded], still.time, names, film=static, static=True))
@@ -192,17 +192,17 @@ def _apart(look: _Look, seen: "Glimpses", still: "Glimpses") -> list[str]:
     size = float(np.nanmedian(px_per_unit(still.warp) / px_per_unit(seen.warp)))
     change = still.flicker / seen.flicker if seen.flicker > 0.0 else 1.0
     noise = f"{name} tells the noise of {film}, wanted both with the same camera, lens, light and codec"
-    told = []
+    sentences = []
     if max(size, 1 / size) > OTHER_SIZE:
-        told.append(
+        sentences.append(
             f"The markers are {size:.2f} times as large in {name} as in {film}. {noise}: film it again."
         )
     if max(change, 1 / change) > OTHER_NOISE:
-        told.append(
+        sentences.append(
             f"At rest, pixels of {name} change by {still.flicker:.2g} grey levels from frame to frame, those "
             f"of {film} by {seen.flicker:.2g}. {noise}: film it again."
         )
-    return told
+    return sentences
 
 
 def _lit(look: _Look, seen: "Glimpses") -> list[str]:
@@ -232,15 +232,15 @@ def _seldom(look: _Look, seen: "Glimpses") -> list[str]:
             "uncovered and sharp: film again"
         )
     return [
-        f"Marker {look.marks[p].name!r} is read in {int(own.sum())} of the {len(own)} frames looked at after "
-        f"the reference: {_why_not(look, p, several)}"
-        for p, own, several in zip(coded, after.T, seen.twice[~seen.rest][:, coded].T, strict=True)
-        if own.mean() < OFTEN
+        f"Marker {look.marks[p].name!r} is read in {int(visible.sum())} of the {len(visible)} frames looked "
+        f"at after the reference: {_why_not(look, p, several)}"
+        for p, visible, several in zip(coded, after.T, seen.twice[~seen.rest][:, coded].T, strict=True)
+        if visible.mean() < OFTEN
     ]  # fmt: skip
 
 
 def _why_not(look: _Look, row: int, several: Array) -> str:
-    """Why a marker is seldom read, from the frames (k,) in which its code is read in several places."""
+    """Reason why a marker is seldom read, from the frames (k,) in which its code stands in several places."""
     from vision.marks import codes_of
 
     if not several.mean() > 1.0 - OFTEN:
@@ -259,14 +259,14 @@ def _motion(look: _Look, seen: "Glimpses", log: Log) -> tuple[str, ...]:
 
 
 def _course(look: _Look, seen: "Glimpses", rest: NDArray[np.bool_]) -> Motion | None:
-    """How far the finger's coded marks are from where they are in the frames `rest` (k,); None without such
-    marks, or where film and log have no common clock yet."""
+    """Distance of the finger's coded marks from their mean places in the frames `rest` (k,); None without
+    such marks, or where film and log have no common clock yet."""
     from vision.following.markrotations import mean_seen
 
     pressure, place = look.project.config.pressure, _places(look, seen)[:, _coded(look)]
     if pressure is None or pressure.join != "stamps" or not place.shape[1]:
         return None
     squares = ((place - mean_seen(place[rest])) ** 2).sum(axis=2)
-    shown = np.isfinite(squares).all(axis=1)
-    mm = np.where(shown, np.sqrt(np.where(np.isfinite(squares), squares, 0.0).mean(axis=1)), np.nan)
+    complete = np.isfinite(squares).all(axis=1)
+    mm = np.where(complete, np.sqrt(np.where(np.isfinite(squares), squares, 0.0).mean(axis=1)), np.nan)
     return Motion(seen.time - look.film.time[0], mm, NOISE_MM)

@@ -9,9 +9,9 @@ import numpy as np
 
 from twin.inputs.recordings import measure_inputs
 from twin.project.cameratables import FilmTable
-from twin.project.chambers import shares_by_surface
 from twin.project.folder import Project
 from twin.project.record import SourceFilm
+from twin.project.targetschema import shares_by_surface
 from twin.targets import Array, Targets, least_known
 
 FILM = "film"  # the kind of the runs that measure one of several films
@@ -49,31 +49,31 @@ def _alone(project: Project, film: FilmTable) -> Project:
     pressure = config.pressure
     assert pressure is not None  # the configuration refuses a film without it
     camera = config.cameras[0]
-    own = {
+    film_camera = {
         "film": film.file, "static": film.static or camera.static, "film_start_s": film.film_start_s,
         "static_start_s": film.static_start_s,
     }  # fmt: skip
     log = pressure  # what the regulator was set to is said of this log alone
     if film.pressure is not None:
         log = pressure.model_copy(update={"file": film.pressure, "top_kPa": None})
-    camera = camera.model_copy(update=own)
+    camera = camera.model_copy(update=film_camera)
     changed = {"films": (), "cameras": (camera,), "pressure": log}
     return replace(project, config=config.model_copy(update=changed))
 
 
 def all_inputs(project: Project, camera: Path) -> dict[str, Any]:
-    """What makes a run of `measure` what it is, over all films."""
+    """Tables and files that a run of `measure` depends on, over all films."""
     films = films_of(project)
     if not films:
         return measure_inputs(project, camera)
     each = [measure_inputs(film.project, camera) for film in films]
-    inputs = list(dict.fromkeys(path for one in each for path in one["inputs"]))
+    inputs = list(dict.fromkeys(path for keys in each for path in keys["inputs"]))
     return {"tables": (*each[0]["tables"], "films"), "inputs": inputs}
 
 
 @dataclass(frozen=True, kw_only=True)
 class FilmTargets:
-    """The targets of one film on the clock of its log, and what twin.toml says of it."""
+    """Targets of a single film on the clock of its log, with its table of twin.toml."""
 
     name: str
     log: str  # file of the pressure log: films of one log have one clock
@@ -84,7 +84,7 @@ class FilmTargets:
 
     @staticmethod
     def of(film: OneFilm, targets: Targets) -> "FilmTargets":
-        """Those of a film as it was measured."""
+        """The targets of a measured film."""
         table = film.table
         return FilmTargets(
             name=film.name, log=film.log, targets=targets, held_out=table.held_out, gravity=table.gravity,
@@ -95,10 +95,10 @@ class FilmTargets:
 def joined(films: Sequence[FilmTargets]) -> tuple[Targets, list[SourceFilm]]:
     """The targets of all films, one block each in the order of time, and a row a film.
 
-    Films of one log keep its clock. That of another log begins BETWEEN_S after the end of the one before; the
-    finger is taken to have rested without pressure meanwhile. Displacements of a film are relative to its own
-    rest. Errors of the rig (RIG) are the same in all films, all others are each film's own. ValueError where
-    films of one log overlap, or have other points.
+    Films of one log keep its clock. The clock of another log begins BETWEEN_S after the end of the one
+    before; the finger is taken to have rested without pressure meanwhile. Displacements of a film are
+    relative to its own rest. Errors of the rig (RIG) are the same in all films, all others are each film's
+    own. ValueError where films of one log overlap, or have other points.
     """
     shifts = _shifts(films)
     order = sorted(range(len(films)), key=lambda k: float(films[k].targets.time[0]) + shifts[k])
@@ -114,19 +114,19 @@ def joined(films: Sequence[FilmTargets]) -> tuple[Targets, list[SourceFilm]]:
 
 
 def _shifts(films: Sequence[FilmTargets]) -> list[float]:
-    """What the clock of each film is moved by, s: 0 for those of the first log."""
+    """Shift of each film's clock, s; 0 for films of the first log."""
     shift: dict[str, float] = {}
     end = 0.0
     for log in dict.fromkeys(film.log for film in films):
-        own = [film.targets for film in films if film.log == log]
-        begin = min(float(t.log_time[0]) for t in own)
+        of_log = [film.targets for film in films if film.log == log]
+        begin = min(float(t.log_time[0]) for t in of_log)
         shift[log] = end + BETWEEN_S - begin if shift else 0.0
-        end = max(float(t.log_time[-1]) for t in own) + shift[log]
+        end = max(float(t.log_time[-1]) for t in of_log) + shift[log]
     return [shift[film.log] for film in films]
 
 
 def _later(targets: Targets, shift: float) -> Targets:
-    """Targets whose clock is moved by so many s."""
+    """Targets whose clock is shifted, s."""
     return replace(targets, time=targets.time + shift, log_time=targets.log_time + shift)
 
 
@@ -186,12 +186,12 @@ def _modes(films: Sequence[FilmTargets], moved: Sequence[Targets]) -> tuple[Arra
     """The errors (k, s, p, 3) mm that many values share, and their names: those of the rig once for all
     films, all others once a film, whose name they carry."""
     size = (sum(len(t.time) for t in moved), *moved[0].value.shape[1:])
-    found: dict[str, Array] = {}
+    modes: dict[str, Array] = {}
     begin = 0
     for film, t in zip(films, moved, strict=True):
         end = begin + len(t.time)
         for name, mode in zip(t.mode_names, t.modes, strict=True):
-            own = name if name.partition(":")[0] in RIG else f"{name}@{film.name}"
-            found.setdefault(own, np.zeros(size))[begin:end] = mode
+            mode_name = name if name.partition(":")[0] in RIG else f"{name}@{film.name}"
+            modes.setdefault(mode_name, np.zeros(size))[begin:end] = mode
         begin = end
-    return np.array(list(found.values())).reshape(-1, *size), tuple(found)
+    return np.array(list(modes.values())).reshape(-1, *size), tuple(modes)

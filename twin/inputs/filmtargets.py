@@ -89,7 +89,7 @@ def said_of_readout(targets: Targets, readout_ms: float | None) -> tuple[str, ..
 def _target_points(moved: "Displacements", nodes: Mapping[str, int]) -> tuple[TargetPoint, ...]:
     """The target point of every measured one: at its node, at its place on the face, or fixed."""
     rows = zip(moved.names, moved.roles, moved.points, strict=True)
-    return tuple(_target_point(name, role, as_position(own), nodes.get(name)) for name, role, own in rows)
+    return tuple(_target_point(name, role, as_position(place), nodes.get(name)) for name, role, place in rows)
 
 
 def _target_point(
@@ -103,6 +103,10 @@ def _target_point(
 
 
 def _kept(indices: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Where the kept of these steps stand once the others are gone."""
+    """Indices of kept steps after the others are removed.
+
+    >>> _kept(np.array([0, 1, 3]), np.array([True, False, True, True])).tolist()
+    [0, 2]
+    """
     new = np.cumsum(keep) - 1
     return np.array([new[i] for i in indices if keep[i]], dtype=np.int64)

@@ -1,4 +1,5 @@
-"""What a project has recorded, as `vision` takes it: films with their cameras, markers, the speckled face."""
+"""The recordings of a project: films with their cameras, markers, the speckled face, the pressure log, and
+displacements that another program measured."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -6,15 +7,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twin.csvtable import Table, read_sheet
+from twin.formats.importtable import ImportTable
 from twin.gauge.logcolumns import LogFormat
-from twin.gauge.pressurelog import Log, read_log
+from twin.gauge.logfaults import check_signal, rest_remark
+from twin.gauge.pressurelog import GaugeNoise, Log, check_covers, gauge_noise, read_log
 from twin.gauge.pressuretable import PressureTable
 from twin.gauge.pressureunits import Line
 from twin.inputs.camerarecord import stored_cameras, stored_rig
 from twin.inputs.cameras import camera_table, dictionary_files
 from twin.marktables import MarkTable, PointTable
+from twin.messages import Say
 from twin.project.cameratables import CameraTable, MeasureTable
 from twin.project.folder import Project
+from twin.targets import Array, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
     from vision import Mark, Stated, View
@@ -40,29 +45,29 @@ def log_of(project: Project, pressure: PressureTable) -> Log:
 
 
 def measure_inputs(project: Project, camera: Path) -> dict[str, Any]:
-    """What makes a run of `measure` what it is: tables and files, as `Project.new_run` takes them."""
+    """Tables and files that a run of `measure` depends on, as `Project.new_run` takes them."""
     films = [(f"cameras.{k}", getattr(t, k)) for t in project.config.cameras for k in ("film", "static")]
     named = [*films, ("pressure.file", pressure_table(project).file)]
     if project.config.measure.corrections is not None:
         named.append(("measure.corrections", project.config.measure.corrections))
-    inputs = [path for key, told in named for path in recorded(project, key, told)]
+    inputs = [path for key, pattern in named for path in recorded(project, key, pattern)]
     tables = ("cameras", "pressure", "measure", "frame", "points", "dic")
     extra = [*dictionary_files(project, camera_table(project).dictionary), *project.deck_files()]
     return {"tables": tables, "inputs": [*inputs, camera, *extra]}
 
 
-def recorded(project: Project, key: str, told: str) -> list[Path]:
+def recorded(project: Project, key: str, pattern: str) -> list[Path]:
     """The file, the folder, or the pictures of a pattern, with their times, that twin.toml names;
     ValueError for none."""
-    path = project.path(told)
-    found = [path] if path.exists() else sorted(p for p in path.parent.glob(path.name) if p.is_file())
-    if found and found != [path]:
-        found += [p for p in [path.parent / "times.csv"] if p.is_file() and p not in found]
-    if not found:
+    path = project.path(pattern)
+    paths = [path] if path.exists() else sorted(p for p in path.parent.glob(path.name) if p.is_file())
+    if paths and paths != [path]:
+        paths += [p for p in [path.parent / "times.csv"] if p.is_file() and p not in paths]
+    if not paths:
         raise ValueError(
-            f"{key} = {told!r}: no such file in {project.root}; copy it there or correct twin.toml"
+            f"{key} = {pattern!r}: no such file in {project.root}; copy it there or correct twin.toml"
         )
-    return found
+    return paths
 
 
 def marks_of(project: Project) -> list["Mark"]:
@@ -92,7 +97,7 @@ def marks_of(project: Project) -> list["Mark"]:
 
 
 def mark_kind(mark: MarkTable) -> "MarkKind":
-    """What is followed, as twin.toml states it: a marker by its id, a natural feature, or else a dot."""
+    """The kind of a mark: a marker by its id, a natural feature, or else a dot."""
     from vision.kinds import CodedMarker, PlainDot, TexturePatch
 
     assert mark.size_mm is not None  # the configuration refuses a film without it
@@ -103,7 +108,7 @@ def mark_kind(mark: MarkTable) -> "MarkKind":
 
 
 def views_of(project: Project, camera: Path) -> tuple[list["View"], "Rig | None"]:
-    """What every camera recorded, and how several cameras stand to each other."""
+    """Recording of every camera, and the rig of several."""
     from vision import View
     from vision.film.series import open_film
 
@@ -113,16 +118,16 @@ def views_of(project: Project, camera: Path) -> tuple[list["View"], "Rig | None"
     views = [
         View(
             open_film(project.path(t.film), fps=t.fps, mirrored=t.mirrored),
-            open_film(project.path(t.static), fps=t.fps, mirrored=t.mirrored), own, t.film_start_s,
+            open_film(project.path(t.static), fps=t.fps, mirrored=t.mirrored), camera_model, t.film_start_s,
             corrections_of(project, t),
         )
-        for t, own in zip(tables, cameras, strict=True)
+        for t, camera_model in zip(tables, cameras, strict=True)
     ]  # fmt: skip
     return views, rig
 
 
 def corrections_of(project: Project, table: CameraTable) -> "tuple[Correction, ...]":
-    """What the user mends by hand of a camera's tracks, in the order of the file. ValueError for a line that
+    """Corrections by hand of a camera's tracks, in the order of the file. ValueError for a line that
     is not right."""
     file = project.config.measure.corrections
     if file is None:
@@ -130,10 +135,10 @@ def corrections_of(project: Project, table: CameraTable) -> "tuple[Correction, .
     sheet = read_sheet(project.path(file), wanted="marker,does,from_s,to_s")
     rows = sheet.table(("marker", "does", "from_s"), also=("to_s", "with", "x_px", "y_px", "sd_px", "camera"))
     names = [mark.name for mark in project.config.marks]
-    first, cameras = project.config.cameras[0].name, [c.name for c in project.config.cameras]
-    own = [name or first for name in rows.cells.get("camera", [first] * len(rows))]
+    default, cameras = project.config.cameras[0].name, [c.name for c in project.config.cameras]
+    camera_names = [name or default for name in rows.cells.get("camera", [default] * len(rows))]
     return tuple(
-        _correction(rows, k, names) for k, name in enumerate(own)
+        _correction(rows, k, names) for k, name in enumerate(camera_names)
         if _one_of(rows, k, "camera", name, cameras) == table.name
     )  # fmt: skip
 
@@ -161,14 +166,15 @@ def _correction(rows: Table, k: int, names: list[str]) -> "Correction":
     end = number("to_s", "s")
     if end < start:
         raise rows.error(k, "to_s", f"wanted {start:g} s or later, the from_s of its line")
-    other = _one_of(rows, k, "with", text("with"), names) if does == "swap" else ""
-    return Correction(mark, does, start, end, other)
+    partner = _one_of(rows, k, "with", text("with"), names) if does == "swap" else ""
+    return Correction(mark, does, start, end, partner)
 
 
-def _one_of(rows: Table, k: int, column: str, value: str, known: list[str]) -> str:
-    if value not in known:
+def _one_of(rows: Table, k: int, column: str, value: str, choices: list[str]) -> str:
+    if value not in choices:
         raise ValueError(
-            f"{rows.path}, line {rows.lines[k]}, column {column}: {value!r}: wanted one of {', '.join(known)}"
+            f"{rows.path}, line {rows.lines[k]}, column {column}: {value!r}: wanted one of "
+            f"{', '.join(choices)}"
         )
     return value
 
@@ -182,7 +188,7 @@ def face_of(project: Project) -> "Face | None":
 
 
 def stated_of(settings: MeasureTable) -> "Stated":
-    """How well the rig is known."""
+    """Stated uncertainties of the rig."""
     from vision import Stated
 
     return Stated(
@@ -190,3 +196,66 @@ def stated_of(settings: MeasureTable) -> "Stated":
         node_mm=settings.node_sd_mm, height_mm=settings.height_sd_mm,
         out_of_plane_mm=settings.out_of_plane_sd_mm,
     )  # fmt: skip
+
+
+# -- the pressure log while the film runs --------------------------------------------------------------------
+
+
+def said_of_log(project: Project, film: Array, log: Log, start_s: float) -> tuple[str, ...]:
+    """Sentences on what is odd in the log during the film (t,) s; ValueError where its pressures are
+    wrong."""
+    rest = rest_remark(log, start=start_s, rest_s=project.config.measure.reference_s)
+    return (*check_signal(log, start=start_s, end=start_s + film[-1] - film[0]), *filter(None, (rest,)))
+
+
+def gauge_of(project: Project, film: Array, static: Array, log: Log, start_s: float) -> GaugeNoise:
+    """The gauge noise during the static film, or in the film's first rest if its time is unknown. ValueError
+    where the log does not cover the films.
+
+    film, static: (t,) s on their own clocks.   start_s: of the film on the log's clock.
+    """
+    table, rest_s = camera_table(project), project.config.measure.reference_s
+    check_covers(log, film - film[0] + start_s, what="film", key="film_start_s")
+    if table.static_start_s is None:
+        return gauge_noise(log, start=start_s, end=start_s + rest_s)
+    time = static - static[0] + table.static_start_s
+    check_covers(log, time, what="static film", key="static_start_s")
+    return gauge_noise(log, start=float(time[0]), end=float(time[-1]))
+
+
+# -- displacements of another program ------------------------------------------------------------------------
+
+
+def import_table(project: Project) -> ImportTable:
+    """[import] of twin.toml."""
+    assert project.config.imported is not None  # asked for where it is there
+    return project.config.imported
+
+
+def import_inputs(project: Project) -> dict[str, Any]:
+    """Tables and files that a run of `measure` depends on, as `Project.new_run` takes them."""
+    table = import_table(project)
+    named = {"import.file": table.file, "import.log": table.log}
+    inputs = [path for key, pattern in named.items() if pattern for path in recorded(project, key, pattern)]
+    return {"tables": ("import", "points"), "inputs": inputs}
+
+
+def import_targets(project: Project, say: Say) -> Targets:
+    """The targets of another program's file. ValueError where it is not right, or something is not stated."""
+    from twin.formats.catalogue import read_recorded
+    from twin.formats.conversion import targets_of
+
+    table = import_table(project)
+    points = read_recorded(project.path(table.file), table.format, table.min_likelihood)
+    log = None if table.log is None else project.path(table.log)
+    targets, remarks = targets_of(points, table, project.config.points, log=log)
+    for sentence in remarks:
+        say(sentence)
+    return targets
+
+
+def said_of_targets(targets: Targets) -> str:
+    """One sentence on size and pressure of targets: a wrong unit or scale shows in it."""
+    peak, top = np.nanmax(np.abs(targets.value)), targets.pressure.max()
+    return (f"{len(targets.names)} points in {len(targets.time)} steps: displacements up to {peak:.1f} mm, "
+            f"pressure up to {top:.3g} MPa.")  # fmt: skip

@@ -52,13 +52,13 @@ def lamp_join(onset_s: float, onset_sd_s: float, log: Log, *, on_s: float | None
 
     on_s: s on the log's clock, or None: the log's column flash tells (0 before, 1 from then on).
     """
-    at, log_sd = (on_s, 0.0) if on_s is not None else log.flash()
+    lamp_s, log_sd = (on_s, 0.0) if on_s is not None else log.flash()
     sd = float(np.hypot(onset_sd_s, log_sd))
     return Join(
-        at - onset_s,
+        lamp_s - onset_s,
         sd,
-        f"The lamp goes on {onset_s:.4f} s after the first frame: the film starts at {at - onset_s:.4f} +- "
-        f"{sd:.4f} s of the log.",
+        f"The lamp goes on {onset_s:.4f} s after the first frame: the film starts at {lamp_s - onset_s:.4f} "
+        f"+- {sd:.4f} s of the log.",
     )
 
 

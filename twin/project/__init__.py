@@ -2,8 +2,7 @@
 
 Begin with `folder`: a project, its runs, and what each run records of what it was made from; `staleness`
 says what has changed since. `config` has every key of twin.toml, `cameratables` those of filming, `toml`
-reads and writes the file. `targetschema` has the keys of targets.toml, `chambers` those of several
-chambers; `targetfiles` (on `targetarrays`) reads targets, and `targetwriting` writes them. `record` has
-what a run and its targets say of themselves as JSON. `locks` lets one command write at a time, and `trust`
-limits what a folder from a stranger may do.
+reads and writes the file. `targetschema` has the keys of targets.toml, `targetfiles` reads and writes the
+folder of targets. `record` has what a run and its targets say of themselves as JSON, and `trust` limits what
+a folder from a stranger may do.
 """

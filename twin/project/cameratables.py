@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from twin.project.chambers import Shares
+from twin.project.targetschema import Shares
 from twin.tablemodel import (
     Dictionary,
     Direction,

@@ -20,7 +20,7 @@ from twin.laws.law import RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
 from twin.marktables import FrameTable, MarkTable, PointTable
 from twin.project.cameratables import CameraTable, DicTable, FilmTable, MeasureTable
-from twin.project.chambers import shares_by_surface
+from twin.project.targetschema import shares_by_surface
 from twin.tablemodel import (
     Bounds,
     Density,
@@ -173,13 +173,13 @@ class ModelTable(TableModel):
                 f"model.self_contact = true with engine = {self.engine!r}: only the embedded engine finds "
                 "which walls meet; set it to false, or remove the engine"
             )
-        own = {"engine_cpus": self.engine_cpus, "engine_command": self.engine_command}
-        own |= {"engine_jobs": self.engine_jobs, "engine_memory": self.engine_memory}
-        stated = [key for key, value in own.items() if value is not None]
-        if self.engine == EMBEDDED and stated:
+        keys = {"engine_cpus": self.engine_cpus, "engine_command": self.engine_command}
+        keys |= {"engine_jobs": self.engine_jobs, "engine_memory": self.engine_memory}
+        present = [key for key, value in keys.items() if value is not None]
+        if self.engine == EMBEDDED and present:
             raise ValueError(
-                f"model.{stated[0]} = {own[stated[0]]!r}: the embedded engine takes none; remove it, or name "
-                'another engine = "calculix" or "abaqus"'
+                f"model.{present[0]} = {keys[present[0]]!r}: the embedded engine takes none; remove it, or "
+                'name another engine = "calculix" or "abaqus"'
             )
         if self.engine == "calculix" and self.engine_memory is not None:
             raise ValueError(
@@ -392,7 +392,7 @@ def _check_film(c: Config) -> None:
 
 
 def _check_rig(c: Config) -> None:
-    """Several cameras look at one board and at the same markers."""
+    """Check that several cameras share a board and the markers."""
     if c.dic is not None and len(c.cameras) > 1:
         raise ValueError(
             "dic: wanted one [[cameras]]; the speckled face is measured with one camera in its plane"
@@ -431,24 +431,24 @@ def with_first_film(data: dict[str, Any]) -> dict[str, Any]:
     camera. ValueError where the camera names another."""
     if not isinstance(data.get("films"), list) or not data["films"]:
         return data
-    cameras, first = data.get("cameras"), data["films"][0]
+    cameras, film = data.get("cameras"), data["films"][0]
     if not isinstance(cameras, list | tuple) or len(cameras) != 1:
         raise ValueError(
             f"films: wanted one [[cameras]] with several films, found {len(cameras or ())}; measure with one "
             "camera, or give each camera its one film"
         )
-    if not isinstance(first, dict) or not isinstance(cameras[0], dict):
+    if not isinstance(film, dict) or not isinstance(cameras[0], dict):
         return data
-    own = {"film": first.get("file"), **{key: first.get(key) for key in CLOCK}}
-    for key, value in own.items():
+    keys = {"film": film.get("file"), **{key: film.get(key) for key in CLOCK}}
+    for key, value in keys.items():
         if cameras[0].get(key) not in (None, value):
             raise ValueError(
                 f"cameras.{key} = {cameras[0][key]!r} beside [[films]]: each film states its own; remove it "
                 "from [[cameras]]"
             )
-    own["static"] = cameras[0].get("static") or first.get("static")
-    stated = {key: value for key, value in own.items() if value is not None}
-    return {**data, "cameras": [{**cameras[0], **stated}]}
+    keys["static"] = cameras[0].get("static") or film.get("static")
+    present = {key: value for key, value in keys.items() if value is not None}
+    return {**data, "cameras": [{**cameras[0], **present}]}
 
 
 def check_films(c: Config) -> None:
@@ -470,13 +470,13 @@ def check_films(c: Config) -> None:
 
 def _check_gravity(c: Config) -> None:
     """Raise ValueError where some films state gravity and others do not, or it is stated twice."""
-    stated = [film.name for film in c.films if film.gravity is not None]
-    if stated and len(stated) < len(c.films):
+    stating = [film.name for film in c.films if film.gravity is not None]
+    if stating and len(stating) < len(c.films):
         raise ValueError(
-            f"films: gravity stands in {', '.join(stated)} and not in the others; wanted it in every film, "
+            f"films: gravity stands in {', '.join(stating)} and not in the others; wanted it in every film, "
             "or in none and under [model]"
         )
-    if stated and c.model.gravity is not None:
+    if stating and c.model.gravity is not None:
         raise ValueError(
             f"model.gravity = {list(c.model.gravity)} beside gravity in [[films]]: wanted it in one place; "
             "remove it from [model]"

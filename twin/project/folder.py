@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin import effort, files
+from twin.files import lock
 from twin.project.config import Config
-from twin.project.locks import lock
 from twin.project.record import RunExtra, RunRecord, RunSummary, SolvesRow, SourceRecord, StoredConfig
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump, former_keys, parse, with_effects, write
@@ -51,7 +51,7 @@ class Run:
         return self.folder.name
 
     def path(self, name: str) -> Path:
-        """Where a file of this run lies."""
+        """Path of a file of this run."""
         return self.folder / name
 
     def write(self, record: Record, name: str = "") -> None:
@@ -98,13 +98,13 @@ class Project:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What the user should know of twin.toml, one sentence each."""
+        """Remarks on twin.toml for the user, one sentence each."""
         keys = self.former_keys
         if not keys:
             return ()
-        one = len(keys) == 1
-        return (f"{', '.join(keys)} in twin.toml {'changes' if one else 'change'} nothing: remove "
-                f"{'that line' if one else 'those lines'}.",)  # fmt: skip
+        single = len(keys) == 1
+        return (f"{', '.join(keys)} in twin.toml {'changes' if single else 'change'} nothing: remove "
+                f"{'that line' if single else 'those lines'}.",)  # fmt: skip
 
     @classmethod
     def open(
@@ -128,7 +128,7 @@ class Project:
 
     @property
     def targets_folder(self) -> Path:
-        """Where the targets lie."""
+        """Folder of the targets."""
         return self.root / "targets"
 
     def path(self, relative: str) -> Path:
@@ -149,24 +149,24 @@ class Project:
                 "there (docs/files.md)"
             )
         nodes, model = self.config.nodes, self.config.model
-        found, gravity = read_targets(self.targets_folder, nodes=nodes), model.gravity
-        if model.density_kg_m3 is not None and gravity is None and found.gravity is None:
+        targets, gravity = read_targets(self.targets_folder, nodes=nodes), model.gravity
+        if model.density_kg_m3 is not None and gravity is None and targets.gravity is None:
             raise ValueError(
                 f"model.density_kg_m3 = {model.density_kg_m3:g}: its weight wants the direction of gravity; "
                 "add gravity = [0.0, 0.0, -1.0] under [model] of twin.toml, or one a block in targets.toml"
             )
         if gravity is None:
-            return found
-        if found.gravity is not None:
+            return targets
+        if targets.gravity is not None:
             raise ValueError(
                 f"model.gravity = {list(gravity)}: targets.toml states gravity for each block; wanted it in "
                 "one place; remove it from twin.toml"
             )
-        way = np.array(gravity) / np.linalg.norm(gravity)
-        return replace(found, gravity=np.tile(way, (int(found.block[-1]) + 1, 1)))
+        direction = np.array(gravity) / np.linalg.norm(gravity)
+        return replace(targets, gravity=np.tile(direction, (int(targets.block[-1]) + 1, 1)))
 
     def source(self) -> SourceRecord:
-        """Where the targets come from; nothing where that is not known."""
+        """Origin of the targets; an empty record where it is unknown."""
         path = self.targets_folder / SourceRecord.file
         return files.read(SourceRecord, path) if path.is_file() else SourceRecord()
 
@@ -198,7 +198,7 @@ class Project:
         parse(with_effects(text, effects).encode(), name="twin.toml")
 
     def set_effects(self, effects: Sequence[str]) -> "Project":
-        """Write [model] effects into twin.toml, leave every other line as it is; return the new project.
+        """The project with other effects, written into twin.toml; every other line stays.
         ValueError, and nothing is written, where they are no effects."""
         path = self.root / "twin.toml"
         config = write(path, with_effects(decoded(path.read_bytes()), effects))
@@ -212,7 +212,7 @@ class Project:
         return sorted(folders, key=lambda p: int(p.name.partition("-")[0]))
 
     def info(self, folder: Path) -> RunRecord:
-        """What run.json of a run says; status "incomplete" where a kill came before the first write."""
+        """The record of a run; status "incomplete" where a kill came before the first write."""
         path = folder / RunRecord.file
         if path.exists():
             return files.read(RunRecord, path)
@@ -222,17 +222,17 @@ class Project:
         """A file of the newest done run of that kind (None: of any kind) that has it, or None."""
         kinds = (kind,) if isinstance(kind, str) else kind
         for folder in reversed(self.runs()):
-            wanted = kinds is None or kind_of(folder) in kinds
-            if wanted and (folder / file).is_file() and self.info(folder).status == "done":
+            matches = kinds is None or kind_of(folder) in kinds
+            if matches and (folder / file).is_file() and self.info(folder).status == "done":
                 return folder / file
         return None
 
     def done(self, kind: str, **how: Any) -> Path | None:
-        """The newest done run made from the same configuration and inputs (as `new_run`), or None."""
+        """The newest done run with this configuration and these inputs (as `new_run`), or None."""
         return self._with_status(kind, "done", self._stamp(kind, **how).digest)
 
     def killed(self, kind: str, **how: Any) -> Path | None:
-        """The run that `new_run` with the same arguments would resume, or None."""
+        """The run that `new_run` with these arguments would resume, or None."""
         return self._with_status(kind, "running", self._stamp(kind, **how).digest)
 
     @contextmanager
@@ -286,7 +286,7 @@ class Project:
         if inputs is None:
             read = [self.targets_folder] if self.targets_folder.is_dir() else []
             read += [*self.deck_files(), *self.effect_files(), *self.material_files()]
-        made = RunRecord(
+        stamp = RunRecord(
             kind=kind,
             seed=seed,
             extra=RunExtra(**(extra or {})),
@@ -297,9 +297,9 @@ class Project:
             status="running",
         )
         if self.builtin is not None:
-            made = made.model_copy(update={"builtin": repr(self.builtin)})
-        what = made.model_dump(exclude_unset=True, exclude={"digest", "status"})
-        return made.model_copy(update={"digest": files.digest_text(what)})
+            stamp = stamp.model_copy(update={"builtin": repr(self.builtin)})
+        what = stamp.model_dump(exclude_unset=True, exclude={"digest", "status"})
+        return stamp.model_copy(update={"digest": files.digest_text(what)})
 
 
 def named_after(folder: Path) -> str:
@@ -321,13 +321,13 @@ def kind_of(folder: Path) -> str:
 def versions() -> Mapping[str, str]:
     """The versions that a run depends on; packages that are not installed are left out. Asked for once, as
     the first lines of all their files are read for it."""
-    found = {"python": platform.python_version()}
+    installed = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
-            found[name] = metadata.version(name)
+            installed[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return MappingProxyType(found)
+    return MappingProxyType(installed)
 
 
 def dataset(name: str) -> Path:

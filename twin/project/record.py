@@ -36,7 +36,7 @@ class SolvesRow(Record):
 
 
 class RunRecord(Record):
-    """What makes a run what it is, and how it ended."""
+    """A run: configuration, inputs and versions that it was made from, and how it ended."""
 
     file: ClassVar[str] = "run.json"
     kind: str
@@ -68,7 +68,7 @@ class SourceFilm(Record):
 
 
 class SourceRecord(Record):
-    """Where the targets come from."""
+    """Origin of the targets."""
 
     file: ClassVar[str] = "source.json"
     run: RunName | None = None  # that measured them

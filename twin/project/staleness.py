@@ -1,4 +1,4 @@
-"""What has changed in a project since one of its runs was made."""
+"""Changes of a project since a run was made: files, tables of twin.toml, versions."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ NEEDED = ("softtwin",)  # of the recorded versions, those of the code that makes
 def changes(
     project: Project, folder: Path, *, tables: Sequence[str], present: Sequence[Path], but: Sequence[str] = ()
 ) -> list[str]:
-    """What differs from when the run in `folder` was made, one clause each; [] where nothing does.
+    """Changes since the run in `folder` was made, one clause each; [] without any.
 
     tables: names of the tables of twin.toml that it depends on.   present: the files and folders that it
     would read now, next to those that it has recorded.   but: recorded files that do not count.
@@ -48,24 +48,24 @@ def _changed_files(project: Project, recorded: Mapping[str, str], present: Seque
 
 
 def _may_read(project: Project, path: Path) -> bool:
-    """Whether a file that a run has recorded is there, and is the project's own or a link that is trusted."""
+    """True for an existing file that is the project's own, or a trusted link."""
     if not path.is_file():
         return False
     if not leads_out(path, project.root):
         return True
-    return path in [project.path(one.name) for one in links(project.root, project.config)]
+    return path in [project.path(link.name) for link in links(project.root, project.config)]
 
 
 def _changed_tables(project: Project, was: Mapping[str, Any], tables: Sequence[str]) -> list[str]:
     now = project.config.model_dump(mode="json")
-    found = []
+    clauses = []
     for name in [table for table in tables if table in was]:  # a run states the tables it depends on
         for key, value in _keys(now.get(name)).items():
             before = _keys(was.get(name)).get(key, value)  # a key that older versions did not have
             if before != value and (name, key) not in ELSEWHERE | RUNNING:
                 where = f"[{name}] {key}" if key else f"[[{name}]]"
-                found.append(f"{where} of twin.toml has changed since")
-    return found
+                clauses.append(f"{where} of twin.toml has changed since")
+    return clauses
 
 
 def _keys(table: Any) -> Mapping[str, Any]:

@@ -1,134 +1,197 @@
-"""Read the files that `targetwriting` writes, or that a person does, back into displacement targets."""
+"""Displacement targets as files that a person can read and write: targets.csv, targets.toml, targets.npz and
+pressure.csv, bit for bit."""
 
-import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from twin import files
 from twin.csvtable import Table, read_table
-from twin.judging.stillnoise import stated_noise, still_noise
-from twin.project.chambers import shares_by_surface
-from twin.project.targetarrays import EXACT, FARTHEST, check_blocks, check_exact, check_log
-from twin.project.targetschema import (
-    FORMER_PLACE,
-    LoadTable,
-    NoiseOfPoint,
-    NoiseTable,
-    TargetMark,
-    TargetsTable,
-)
-from twin.project.targetwriting import COLUMNS
-from twin.sanity import pressure_fault, zero_fault
-from twin.targets import Array, Load, Noise, PointKind, TargetPoint, Targets, least_known
+from twin.project.record import SourceRecord
+from twin.project.targetschema import TargetsTable, fields_from, tables_for
+from twin.sanity import MOST_MPA, pressure_fault, zero_fault
+from twin.targets import COLUMNS, Array, Targets
 from twin.validation import checked, tables_of
 
-LATEST = 1e13  # s: any clock, and one that counts ms since 1970
+EXACT = ("covariance", "valid", "modes", "mode_names", "pressure_sd")  # what targets.npz adds to the text
+LOG = ("block", "time_s", "pressure_MPa")
+HEAD = (
+    "Displacements in mm relative to the mean of the reference steps; nan: not observed.",
+    "World axes: x along the finger from the clamp, y across the width, z up; the finger bends to -z.",
+)
+FARTHEST = 1e6  # mm, of displacements and their errors: below it a wrong unit is told by what it does
+UNITS = {"mm": FARTHEST, "s": 1e13, "MPa": np.inf}  # largest value of each: any clock, also in ms since 1970
+WAY_OUT = "restore targets.csv, or remove targets.npz to use the csv alone"
+ROUND = 1e-9  # relative rounding of a matrix that was symmetric, or had no negative eigenvalue
+KIND = {"b": "booleans", "U": "text", "f": "numbers"}
+APART = 0.05  # of the largest pressure, between the log and the steps
+
+
+# -- writing -------------------------------------------------------------------------------------------------
+
+
+def write_targets(folder: Path, targets: Targets, *, source: SourceRecord | None = None) -> None:
+    """Write the folder in one step. ValueError if it is there.   source: what it was measured from."""
+    if folder.exists():
+        raise ValueError(f"{folder} is there already and is never overwritten; move it away first")
+    with files.whole_folder(folder) as draft:
+        files.write_text(draft / "targets.csv", _csv(targets))
+        files.write_text(draft / "targets.toml", _toml(targets))
+        files.write_npz(draft / "targets.npz", _exact(targets))
+        if targets.has_log:
+            files.write_text(draft / "pressure.csv", _log_csv(targets))
+        if source is not None:
+            files.write_json(draft / source.file, source)
+
+
+def _exact(targets: Targets) -> dict[str, NDArray[Any]]:
+    """The arrays of targets.npz."""
+    exact = {name: np.asarray(getattr(targets, name)) for name in EXACT}
+    exact["mode_names"] = np.array(targets.mode_names, dtype=str)
+    if targets.noises:
+        return exact | {f"correlation_{b}": n.correlation for b, n in enumerate(targets.noises)}
+    return exact if targets.noise is None else exact | {"correlation": targets.noise.correlation}
+
+
+def _csv(targets: Targets) -> str:
+    """One row a step and point; values in full, sds to 6 digits (targets.npz has them in full)."""
+    cells = {name: column.tolist() for name, column in targets.columns().items()}
+    for name in (name for name in cells if name.startswith("sd")):
+        cells[name] = [float(f"{sd:.6g}") for sd in cells[name]]
+    return _rows(cells)
+
+
+def _log_csv(t: Targets) -> str:
+    """The dense log; a sample between two blocks belongs to the nearer one."""
+    starts = np.flatnonzero(np.diff(t.block))
+    block = np.searchsorted((t.time[starts] + t.time[starts + 1]) / 2, t.log_time, side="right")
+    columns = (block.tolist(), t.log_time.tolist(), t.log_pressure.tolist())
+    return _rows(dict(zip(LOG, columns, strict=True)))
+
+
+def _rows(cells: Mapping[str, list[Any]]) -> str:
+    """The text of a CSV file with these columns; NaN is an empty cell, a mask 1 or 0."""
+
+    def text(cell: Any) -> str:
+        return "" if cell != cell else str(int(cell) if isinstance(cell, bool) else cell)
+
+    return "".join(f"{','.join(map(text, row))}\n" for row in (cells, *zip(*cells.values(), strict=True)))
+
+
+def _toml(targets: Targets) -> str:
+    """The text of targets.toml: reference, blocks, points, noise."""
+    tables = tables_for(targets).model_dump(exclude_unset=True, exclude_none=True)
+    return "".join(f"# {line}\n" for line in HEAD) + "\n" + tomlkit.dumps(tables)
+
+
+# -- reading -------------------------------------------------------------------------------------------------
 
 
 def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Targets:
     """The targets of a folder; targets.csv alone is enough (no modes, no noise model then).
 
-    `nodes` gives node labels by point name (twin.toml [[points]]); they must agree with targets.toml where it
-    states them. A point whose node nobody states is of kind UNKNOWN. ValueError names file, line and column.
+    nodes: labels by point name (twin.toml [[points]]); they must agree with targets.toml where it states
+    them. A point whose node nobody states is of kind UNKNOWN. ValueError names file, line and column.
     """
-    table = read_table(folder / "targets.csv", COLUMNS)
-    about = _read_toml(folder / "targets.toml")
-    exact = files.read_npz(folder / "targets.npz") if (folder / "targets.npz").exists() else {}
-    stated = [n for n in (about.noise, *(b.noise for b in about.blocks)) if n is not None]
-    if not exact and not all(n.told for n in stated):
+    path, about = folder / "targets.csv", TargetsTable()
+    table = read_table(path, tuple(COLUMNS))
+    if (toml := folder / "targets.toml").exists():
+        about = checked(TargetsTable, tables_of(toml.read_bytes(), name=str(toml)), name=str(toml))
+    exact = files.read_npz(npz) if (npz := folder / "targets.npz").exists() else {}
+    noises = [n for n in (about.noise, *(b.noise for b in about.blocks)) if n is not None]
+    if not exact and not all(n.is_stated for n in noises):
         raise ValueError(
-            f"{folder / 'targets.npz'} is missing, but targets.toml has a noise model whose modes and "
-            "covariances it holds; put it back, or remove [noise] from targets.toml"
+            f"{npz} is missing, but targets.toml has a noise model whose modes and covariances it holds; put "
+            "it back, or remove [noise] from targets.toml"
         )
     grid = _Grid.of(table)
-    _check_pressure(folder, grid)
-    told = _points(folder, about, grid.names, nodes or {})
-    columns = _columns(table, grid, exact, folder)
-    log = _read_log(folder, grid, columns["pressure_sd"])
-    noises = _noises(folder, about, grid, exact, columns["value"])
-    if any(n.told for n in stated):
-        own = noises.get("noises") or (noises["noise"],) * (int(grid.block[-1]) + 1)
-        columns["covariance"] = _at_least(columns["covariance"], np.array([n.sd for n in own])[grid.block])
+    fault = pressure_fault(float(np.abs(grid.pressure).max()))
+    if fault := f"{fault}; convert them" if fault else zero_fault(grid.pressure):
+        raise ValueError(f"{path}: pressure_MPa {fault}")
+    measured = _measured(table, grid, exact, npz)
+    described = fields_from(
+        about, toml, grid.steps, grid.names, nodes=nodes or {}, value=measured["value"],
+        pressure=grid.pressure, correlations=exact,
+    )  # fmt: skip
+    if any(n.is_stated for n in noises):
+        each = described.get("noises") or (described["noise"],) * (int(grid.block[-1]) + 1)
+        diagonal = measured["covariance"][..., range(3), range(3)]
+        least = np.array([n.sd for n in each])[grid.block] ** 2
+        measured["covariance"] = measured["covariance"].copy()
+        measured["covariance"][..., range(3), range(3)] = np.maximum(diagonal, least)
+    log = _read_log(folder / "pressure.csv", grid, measured["pressure_sd"])
+    if "reference" not in described:
+        described["reference"] = _first_step(path, grid.names, measured)
     return Targets(
-        time=grid.time, pressure=grid.pressure, block=grid.block, points=told, **columns,
-        **_blocks(folder, about, grid), loads=_loads(folder, about, grid, told),
-        **noises,
-        log_time=log[0], log_pressure=log[1], reference=_reference(folder, about, grid, columns),
+        time=grid.time, pressure=grid.pressure, block=grid.block, **measured, **described,
+        log_time=log[0], log_pressure=log[1],
     )  # fmt: skip
 
 
-def _check_pressure(folder: Path, grid: "_Grid") -> None:
-    if fault := pressure_fault(float(np.abs(grid.pressure).max())):
-        raise ValueError(f"{folder / 'targets.csv'}: pressure_MPa {fault}; convert them")
-    if fault := zero_fault(grid.pressure):
-        raise ValueError(f"{folder / 'targets.csv'}: pressure_MPa {fault}")
+def _numbers(table: Table, name: str) -> Array:
+    """A column (rows,) in the unit that its heading ends with; of mm an empty cell is NaN: not observed."""
+    unit = name.rsplit("_", 1)[1]
+    return table.numbers(name, unit=unit, empty=unit == "mm", most=UNITS[unit])
 
 
 @dataclass(frozen=True)
 class _Grid:
-    """Where each row of the file stands: its step and point."""
+    """The rows of targets.csv by step and point."""
 
     time: Array
     pressure: Array
     block: NDArray[np.int64]  # (s,) rank of the label
-    labels: list[tuple[int, int]]  # (s,) block and step as the file has them
+    steps: list[tuple[int, int]]  # (s,) block and step as the file has them
     names: tuple[str, ...]
     row: NDArray[np.int64]  # (s,p) row of the table
 
     @classmethod
     def of(cls, table: Table) -> "_Grid":
-        keys = list(zip(table.integers("block").tolist(), table.integers("step").tolist(), strict=True))
-        labels, names = sorted(set(keys)), tuple(dict.fromkeys(table.cells["point"]))
-        at, point = {key: s for s, key in enumerate(labels)}, {name: p for p, name in enumerate(names)}
-        row = np.full((len(labels), len(names)), -1, dtype=np.int64)
-        for r, (key, name) in enumerate(zip(keys, table.cells["point"], strict=True)):
-            if row[at[key], point[name]] >= 0:
-                raise table.error(r, "point", f"block {key[0]}, step {key[1]} has this point twice")
-            row[at[key], point[name]] = r
-        if (row < 0).any():
-            s, p = (int(i) for i in np.argwhere(row < 0)[0])
+        keys = np.stack([table.integers("block"), table.integers("step")], axis=1)
+        steps, step = np.unique(keys, axis=0, return_inverse=True)
+        names = tuple(dict.fromkeys(table.cells["point"]))
+        number = {name: p for p, name in enumerate(names)}
+        point = np.array([number[name] for name in table.cells["point"]])
+        cell = step.reshape(-1) * len(names) + point
+        cells, row_of_cell = np.unique(cell, return_index=True)
+        for r in np.setdiff1d(np.arange(len(table)), row_of_cell)[:1].tolist():
+            raise table.error(r, "point", f"block {keys[r, 0]}, step {keys[r, 1]} has this point twice")
+        for k in np.setdiff1d(np.arange(len(steps) * len(names)), cells)[:1].tolist():
+            label = "block {}, step {}".format(*steps[k // len(names)])
             raise ValueError(
-                f"{table.path}: block {labels[s][0]}, step {labels[s][1]} has no row for point "
-                f"{names[p]!r}; add one with empty cells where it was not observed and valid 0"
+                f"{table.path}: {label} has no row for point "
+                f"{names[k % len(names)]!r}; add one with empty cells where it was not observed and valid 0"
             )
-        time = _per_step(table, "time_s", "s", row, most=LATEST)
-        table_rows = row[:, 0].tolist()
+        row = row_of_cell.reshape(len(steps), len(names))
+        time, pressure = _per_step(table, "time_s", row), _per_step(table, "pressure_MPa", row)
         for s in np.flatnonzero(np.diff(time) <= 0)[:1].tolist():
-            raise table.error(
-                table_rows[s + 1],
-                "time_s",
-                f"wanted more than the {time[s]:g} s of the step before it: time is absolute across blocks",
-            )
-        blocks = sorted({b for b, _ in labels})
-        block = np.array([blocks.index(b) for b, _ in labels], dtype=np.int64)
-        return cls(time, _per_step(table, "pressure_MPa", "MPa", row), block, labels, names, row)
+            before = f"the {time[s]:g} s of the step before it: time is absolute across blocks"
+            raise table.error(int(row[s + 1, 0]), "time_s", f"wanted more than {before}")
+        block = np.unique(steps[:, 0], return_inverse=True)[1].reshape(-1)
+        return cls(time, pressure, block, [(b, n) for b, n in steps.tolist()], names, row)
 
 
-def _per_step(
-    table: Table, column: str, unit: str, row: NDArray[np.int64], *, most: float = math.inf
-) -> Array:
+def _per_step(table: Table, column: str, row: NDArray[np.int64]) -> Array:
     """The value (s,) that all points of a step must share."""
-    values: Array = table.numbers(column, unit=unit, most=most)[row]
-    odd = np.argwhere(values != values[:, :1])
-    if odd.size:
-        s, p = (int(i) for i in odd[0])
-        raise table.error(int(row[s, p]), column, f"the step's first row says {values[s, 0]:g} {unit}")
+    values = _numbers(table, column)[row]
+    for s, p in np.argwhere(values != values[:, :1])[:1].tolist():
+        common = f"{values[s, 0]:g} {column.rsplit('_', 1)[1]}"
+        raise table.error(int(row[s, p]), column, f"the step's first row says {common}")
     return values[:, 0]
 
 
-def _columns(table: Table, grid: _Grid, exact: dict[str, NDArray[Any]], folder: Path) -> dict[str, Any]:
+def _measured(table: Table, grid: _Grid, exact: Mapping[str, NDArray[Any]], npz: Path) -> dict[str, Any]:
     """Value, covariance, valid, modes and pressure_sd."""
     value, sd = (
-        np.stack([table.numbers(f"{what}{i}_mm", unit="mm", empty=True, most=FARTHEST)[grid.row]
-                  for i in (1, 2, 3)], axis=-1)
+        np.stack([_numbers(table, f"{what}{i}_mm")[grid.row] for i in (1, 2, 3)], axis=-1)
         for what in ("u", "sd")
-    )  # fmt: skip
+    )
     valid = table.flags("valid")[grid.row][..., None] & ~np.isnan(value)
     for s, p, i in np.argwhere(valid & ~(np.nan_to_num(sd) > 0))[:1].tolist():
         raise table.error(
@@ -136,231 +199,178 @@ def _columns(table: Table, grid: _Grid, exact: dict[str, NDArray[Any]], folder: 
             f"sd{i + 1}_mm",
             f"u{i + 1}_mm is observed: wanted its standard deviation in mm, above 0, or valid 0",
         )
-    if not exact:
-        steps, points = value.shape[:2]
-        covariance = np.full((steps, points, 3, 3), np.nan)
-        variance = np.where(np.isnan(value), np.nan, sd**2)
-        covariance[:] = np.where(
-            np.isnan(variance)[..., :, None] | np.isnan(variance)[..., None, :], np.nan, 0.0
-        )
-        covariance[..., range(3), range(3)] = variance
-        modes = {"modes": np.zeros((0, steps, points, 3)), "mode_names": ()}
-        return {
-            "value": value,
-            "covariance": covariance,
-            "valid": valid,
-            "pressure_sd": np.zeros(steps),
-        } | modes
-    check_exact(folder / "targets.npz", exact, value=value, sd=sd, valid=valid)
-    names = tuple(str(name) for name in exact["mode_names"])
-    return (
-        {"value": value}
-        | {n: exact[n] for n in EXACT}
-        | {"mode_names": names, "valid": exact["valid"] & valid}
-    )
+    if exact:
+        _check_exact(npz, exact, value=value, sd=sd, valid=valid)
+        names = tuple(str(name) for name in exact["mode_names"])
+        fields = {"value": value} | {name: exact[name] for name in EXACT}
+        return fields | {"mode_names": names, "valid": exact["valid"] & valid}
+    variance = np.where(np.isnan(value), np.nan, sd**2)
+    seen = ~np.isnan(variance)
+    covariance = np.where(seen[..., :, None] & seen[..., None, :], 0.0, np.nan)
+    covariance[..., range(3), range(3)] = variance
+    return {
+        "value": value, "covariance": covariance, "valid": valid, "pressure_sd": np.zeros(len(value)),
+        "modes": np.zeros((0, *value.shape)), "mode_names": (),
+    }  # fmt: skip
 
 
-def _read_toml(path: Path) -> TargetsTable:
-    """What targets.toml says; without it what it would say by default."""
-    if not path.exists():
-        return TargetsTable()
-    return checked(TargetsTable, tables_of(path.read_bytes(), name=str(path)), name=str(path))
-
-
-def _check_names(path: Path, rows: Sequence[TargetMark | NoiseOfPoint], names: tuple[str, ...]) -> None:
-    """Raise ValueError where one names a point that targets.csv does not have, or two the same."""
-    for k, row in enumerate(rows):
-        if row.name not in names:
-            raise ValueError(
-                f"{path}: point {row.name!r} is not in targets.csv, which has {', '.join(names)}"
-            )
-        if row.name in [other.name for other in rows[:k]]:
-            raise ValueError(f"{path}: point {row.name!r} stands twice; keep one of the two")
-
-
-def _points(
-    folder: Path, about: TargetsTable, names: tuple[str, ...], nodes: Mapping[str, int]
-) -> tuple[TargetPoint, ...]:
-    """The points (p,) of targets.csv with what targets.toml and twin.toml say of them."""
-    path = folder / "targets.toml"
-    _check_names(path, about.points, names)
-    rows = {row.name: row for row in about.points}
-    return tuple(_point(path, name, rows.get(name) or TargetMark(name=name), nodes.get(name))
-                 for name in names)  # fmt: skip
-
-
-def _point(path: Path, name: str, row: TargetMark, told: int | None) -> TargetPoint:
-    """The point of a name: `row` is its table in targets.toml, `told` its node in twin.toml."""
-    kind, node = _kind_and_node(row)
-    if told is not None and kind not in (PointKind.NODE, PointKind.UNKNOWN):
-        raise ValueError(
-            f"{path}: point {name!r} has role {kind.value!r}, twin.toml gives it node {told}; correct one"
-        )
-    if told is not None and node is not None and node != told:
-        raise ValueError(f"{path}: point {name!r} is node {node}, twin.toml says {told}; correct one")
-    node = told if node is None else node
-    if kind is PointKind.UNKNOWN and node is None and re.fullmatch("[0-9]{1,18}", name):
-        node = int(name)
-    return TargetPoint(name, kind if node is None else PointKind.NODE, node, row.position_mm)
-
-
-def _kind_and_node(row: TargetMark) -> tuple[PointKind, int | None]:
-    """What targets.toml says a point is, and its node; UNKNOWN and None where it does not say."""
-    if row.role == "place" or row.node == FORMER_PLACE:
-        return PointKind.PLACE, None
-    if row.role == "fixed":
-        return PointKind.FIXED, None
-    return (PointKind.UNKNOWN, None) if row.node is None else (PointKind.NODE, row.node)
-
-
-def _blocks(folder: Path, about: TargetsTable, grid: _Grid) -> dict[str, Any]:
-    """Mask held_out (s,), gravity (blocks,3) or None, and shares of the pressure."""
-    path = folder / "targets.toml"
-    labels = sorted({b for b, _ in grid.labels})
-    rows = {row.block: row for row in about.blocks}
-    if len(rows) < len(about.blocks):
-        raise ValueError(f"{path}: a block stands twice in [[blocks]]; keep one of the two")
-    for label in rows.keys() - set(labels):
-        raise ValueError(f"{path}: block {label} is not in targets.csv, which has {labels}")
-    held_out = np.array([b in rows and rows[b].held_out for b, _ in grid.labels])
-    out: dict[str, Any] = {"held_out": held_out, "gravity": None}
-    try:
-        stating = {f"block {b}": rows[b].pressure_shares if b in rows else {} for b in labels}
-        out["shares"] = shares_by_surface(stating)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    stated = [rows[b].gravity for b in labels if b in rows and rows[b].gravity is not None]
-    if not stated:
-        return out
-    if len(stated) != len(labels):
-        raise ValueError(
-            f"{path}: gravity is stated for {len(stated)} of {len(labels)} blocks; state all or none"
-        )
-    return out | {"gravity": np.array(stated)}
-
-
-def _loads(
-    folder: Path, about: TargetsTable, grid: _Grid, points: tuple[TargetPoint, ...]
-) -> tuple[Load, ...]:
-    """What hangs on the structure, by block."""
-    path, labels = folder / "targets.toml", sorted({b for b, _ in grid.labels})
-    names = [p.name for p in points if p.kind is not PointKind.FIXED]
-    return tuple(
-        _load(path, labels.index(row.block), load, names) for row in about.blocks for load in row.loads
-    )
-
-
-def _load(path: Path, block: int, row: LoadTable, names: Sequence[str]) -> Load:
-    """The load of a table. ValueError where it is at no point on the finger."""
-    if isinstance(row.at, str) and row.at not in names:
-        raise ValueError(
-            f"{path}: a load of block {block} is at {row.at!r}; wanted one of the points {', '.join(names)}, "
-            "or a position [x, y, z] in mm"
-        )
-    return Load(block, row.at, row.weight_g, row.force_N)
-
-
-def _reference(
-    folder: Path, about: TargetsTable, grid: _Grid, columns: dict[str, Any]
-) -> NDArray[np.int64]:
-    """The steps that displacements are relative to; default the first, if it shows none."""
-    if about.reference is not None:
-        if about.reference.each_block:
-            wanted = [(row.block, step) for row in about.blocks for step in row.reference_steps]
-        else:
-            own = about.reference.block
-            wanted = [(grid.labels[0][0] if own is None else own, step) for step in about.reference.steps]
-        for block, step in wanted:
-            if (block, step) not in grid.labels:
-                raise ValueError(
-                    f"{folder / 'targets.toml'}: reference block {block}, step {step} is not in targets.csv"
-                )
-        return np.array([grid.labels.index(key) for key in wanted], dtype=np.int64)
-    value = columns["value"][0]
-    sd = np.sqrt(np.nan_to_num(np.diagonal(columns["covariance"][0], axis1=1, axis2=2)))
+def _first_step(path: Path, names: tuple[str, ...], measured: Mapping[str, Array]) -> NDArray[np.int64]:
+    """The first step (1,) as the reference. ValueError where it shows a displacement."""
+    value = measured["value"][0]
+    sd = np.sqrt(np.nan_to_num(np.diagonal(measured["covariance"][0], axis1=1, axis2=2)))
     for p, i in np.argwhere(np.abs(np.nan_to_num(value)) > 5 * sd)[:1].tolist():
         raise ValueError(
-            f"{folder / 'targets.csv'}: displacements are relative to a reference step, but the first step "
-            f"has U{i + 1} = {value[p, i]:g} mm at {grid.names[p]!r}; add the unloaded step with "
-            "displacement 0 before it, or name the steps in targets.toml under [reference]"
+            f"{path}: displacements are relative to a reference step, but the first step has U{i + 1} = "
+            f"{value[p, i]:g} mm at {names[p]!r}; add the unloaded step with displacement 0 before it, or "
+            "name the steps in targets.toml under [reference]"
         )
     return np.array([0], dtype=np.int64)
 
 
-def _noises(
-    folder: Path, about: TargetsTable, grid: _Grid, exact: dict[str, Any], value: Array
-) -> dict[str, Any]:
-    """The noise model, and those of the blocks (b,) where each has its own."""
-    path, labels = folder / "targets.toml", sorted({b for b, _ in grid.labels})
-
-    def read(table: NoiseTable, correlation: str, steps: NDArray[np.bool_]) -> Noise:
-        if table.told:
-            return _told_noise(path, table, value[steps], grid.pressure[steps])
-        return _read_noise(path, table, grid.names, exact.get(correlation))
-
-    if about.noise is not None:
-        return {"noise": read(about.noise, "correlation", grid.block >= 0)}
-    rows = {row.block: row.noise for row in about.blocks if row.noise is not None}
-    if not rows:
-        return {"noise": None}
-    if len(rows) != len(labels):
-        raise ValueError(f"{path}: {len(rows)} of {len(labels)} blocks have a noise model; state all or none")
-    own = tuple(read(rows[b], f"correlation_{k}", grid.block == k) for k, b in enumerate(labels))
-    return {"noise": least_known(own), "noises": own}
-
-
-def _told_noise(path: Path, table: NoiseTable, value: Array, pressure: Array) -> Noise:
-    """The noise model that [noise] states for all values (s, p, 3) mm, or says where they rest."""
-    if table.sd_mm is not None:
-        return stated_noise(value, table.sd_mm, table.rho)
-    assert table.still_steps is not None  # one of both is there
-    try:
-        return still_noise(value, pressure, table.still_steps)
-    except ValueError as error:
-        raise ValueError(f"{path}: [noise] {error}") from None
-
-
-def _at_least(covariance: Array, sd: Array) -> Array:
-    """The covariance (s, p, 3, 3) mm2 with no variance below that of the noise, sd (s, p, 3) mm."""
-    out = covariance.copy()
-    diagonal = range(3)
-    out[..., diagonal, diagonal] = np.maximum(out[..., diagonal, diagonal], sd**2)
-    return out
-
-
-def _read_noise(path: Path, table: NoiseTable, names: tuple[str, ...], correlation: Any) -> Noise:
-    _check_names(path, table.points, names)
-    rows = {row.name: row for row in table.points}
-    missing = [f"points {name!r}" for name in names if name not in rows]
-    if missing or correlation is None:
-        raise ValueError(
-            f"{path}: [noise] lacks {missing[0] if missing else 'correlation in targets.npz'}; "
-            "measure again, or remove [noise]"
-        )
-    assert table.frames is not None  # checked
-    assert table.gauge_frames is not None
-    per = {key: np.array([getattr(rows[n], key) for n in names]) for key in ("sd_mm", "rho", "codec_sd_mm")}
-    return Noise(
-        sd=per["sd_mm"], rho=per["rho"], codec_sd=per["codec_sd_mm"], correlation=correlation,
-        frames=table.frames, gauge_sd_MPa=table.gauge_sd_MPa or 0.0, gauge_frames=table.gauge_frames,
-        lasting=table.lasting, basis=table.basis,
-    )  # fmt: skip
-
-
-def _read_log(folder: Path, grid: _Grid, pressure_sd: Array) -> tuple[Array, Array]:
+def _read_log(path: Path, grid: _Grid, pressure_sd: Array) -> tuple[Array, Array]:
     """The dense log, or the steps themselves (linear between them) where there is none."""
-    path = folder / "pressure.csv"
     if not path.exists():
         return grid.time, grid.pressure
-    table = read_table(path, ("block", "time_s", "pressure_MPa"))
-    time, pressure = table.numbers("time_s", unit="s"), table.numbers("pressure_MPa", unit="MPa")
+    table = read_table(path, LOG)
+    time, pressure = (table.numbers(name, unit=name.rsplit("_", 1)[1]) for name in LOG[1:])
     table.increasing("time_s", time, unit="s")
     if time[0] > grid.time[0] or time[-1] < grid.time[-1]:
         raise ValueError(
             f"{path}: covers {time[0]:g} to {time[-1]:g} s, targets.csv {grid.time[0]:g} to "
             f"{grid.time[-1]:g} s; wanted a log that covers all steps"
         )
-    labels = sorted({b for b, _ in grid.labels})
-    check_blocks(path, table.integers("block"), time, labels=labels, block=grid.block, time=grid.time)
-    check_log(path, (time, pressure), time=grid.time, pressure=grid.pressure, sd=pressure_sd)
+    _check_blocks(path, table.integers("block"), time, grid)
+    _check_log(path, (time, pressure), grid, pressure_sd)
     return time, pressure
+
+
+# -- checks of targets.npz and of the log --------------------------------------------------------------------
+
+
+def _check_exact(
+    path: Path, exact: Mapping[str, NDArray[Any]], *, value: Array, sd: Array, valid: NDArray[Any]
+) -> None:
+    """Raise ValueError where targets.npz is not what it should be, or does not belong to targets.csv, which
+    has value and sd (s, p, 3) mm and valid (s, p, 3)."""
+    missing = [name for name in EXACT if name not in exact]
+    if missing:
+        raise ValueError(f"{path}: array {missing[0]!r} is missing; {WAY_OUT}")
+    correlations = [name for name in exact if re.fullmatch(r"correlation(_\d+)?", name)]
+    extra = sorted(set(exact) - {*EXACT, *correlations})
+    if extra:
+        raise ValueError(f"{path}: array {extra[0]!r} is not known; wanted {', '.join(EXACT)}, correlation")
+    _check_shapes(path, exact, value.shape)
+    valid = valid & exact["valid"]
+    _check_finite(path, exact, valid)
+    _check_covariance(path, exact["covariance"], valid)
+    stored_sd = np.sqrt(np.diagonal(exact["covariance"], axis1=2, axis2=3)[valid])
+    if not np.allclose(stored_sd, sd[valid], rtol=1e-4, atol=0):  # the csv holds 6 digits
+        raise ValueError(f"{path}: its standard deviations are not those of targets.csv; {WAY_OUT}")
+    for name in correlations:
+        _check_correlation(path, name, exact[name])
+
+
+def _check_shapes(path: Path, exact: Mapping[str, NDArray[Any]], shape: tuple[int, ...]) -> None:
+    (s, p, _), k, made_for = shape, exact["mode_names"].size, exact["valid"].shape
+    if made_for[:2] != (s, p) and len(made_for) == 3:
+        raise ValueError(
+            f"{path}: made for {made_for[:2]} steps and points, targets.csv has {(s, p)}; {WAY_OUT}"
+        )
+    each = {
+        "covariance": ("f", (s, p, 3, 3)), "valid": ("b", (s, p, 3)), "modes": ("f", (k, s, p, 3)),
+        "mode_names": ("U", (k,)), "pressure_sd": ("f", (s,)),
+    } | {name: ("f", (3 * p, 3 * p)) for name in exact if name.startswith("correlation")}  # fmt: skip
+    for name, (kind, size) in each.items():
+        array = exact[name]
+        # an array of no names is stored as numbers
+        right = array.dtype.kind in (kind, *("iu" if kind == "f" else "")) or (kind != "b" and not array.size)
+        if not right:
+            raise ValueError(f"{path}: array {name!r} holds {array.dtype}; wanted {KIND[kind]}; {WAY_OUT}")
+        if array.shape != size:
+            raise ValueError(f"{path}: array {name!r} has shape {array.shape}; wanted {size}; {WAY_OUT}")
+
+
+def _check_finite(path: Path, exact: Mapping[str, NDArray[Any]], valid: NDArray[np.bool_]) -> None:
+    for name, values, limits in (
+        ("modes", exact["modes"][:, valid], f"mm, of {FARTHEST:g} at most, where a value is valid"),
+        ("pressure_sd", exact["pressure_sd"], f"MPa, 0 to {MOST_MPA:g}"),
+    ):
+        low, high = (0.0, MOST_MPA) if name == "pressure_sd" else (-FARTHEST, FARTHEST)
+        bad = ~((values >= low) & (values <= high))
+        if bad.any():
+            raise ValueError(f"{path}: array {name!r} holds {values[bad][0]:g}; wanted finite numbers in "
+                             f"{limits}; {WAY_OUT}")  # fmt: skip
+
+
+def _check_covariance(path: Path, covariance: Array, valid: NDArray[np.bool_]) -> None:
+    """Raise ValueError unless the covariance of what is valid is finite, symmetric and positive."""
+    used = valid[..., :, None] & valid[..., None, :]
+    for s, p, i, k in np.argwhere(used & ~(np.abs(covariance) <= FARTHEST**2))[:1].tolist():
+        raise ValueError(
+            f"{path}: covariance of step {s}, point {p} holds {covariance[s, p, i, k]:g}; wanted finite "
+            f"numbers in mm2, of {FARTHEST**2:g} at most, where a value is valid; {WAY_OUT}"
+        )
+    observed = np.where(used, covariance, 0.0)
+    scale = np.abs(observed).max(axis=(2, 3), initial=0.0)
+    odd = np.abs(observed - observed.swapaxes(2, 3)).max(axis=(2, 3)) > ROUND * scale
+    for s, p in np.argwhere(odd)[:1].tolist():
+        raise ValueError(
+            f"{path}: covariance of step {s}, point {p} is not symmetric; wanted a covariance in "
+            f"mm2; {WAY_OUT}"
+        )
+    unseen = np.where(valid, 0.0, scale[..., None])[..., None] * np.eye(3)
+    least = np.linalg.eigvalsh(observed + unseen)[..., 0]
+    for s, p in np.argwhere(valid.any(axis=2) & (least < -ROUND * scale))[:1].tolist():
+        raise ValueError(
+            f"{path}: covariance of step {s}, point {p} has the eigenvalue {least[s, p]:.3g} mm2; wanted "
+            f"none below 0; {WAY_OUT}"
+        )
+
+
+def _check_correlation(path: Path, name: str, correlation: Array) -> None:
+    """Raise ValueError unless an array is a correlation: finite, symmetric, 1 on the diagonal, positive."""
+    what = ""
+    if not np.isfinite(correlation).all():
+        what = "holds numbers that are not finite"
+    elif np.abs(correlation - correlation.T).max(initial=0.0) > ROUND:
+        what = "is not symmetric"
+    elif np.abs(np.diagonal(correlation) - 1).max(initial=0.0) > 1e-6:
+        what = "is not 1 on its diagonal"
+    elif len(correlation) and (least := float(np.linalg.eigvalsh(correlation)[0])) < -1e-6:
+        what = f"has the eigenvalue {least:.3g}, below 0"
+    if what:
+        raise ValueError(f"{path}: array {name!r} {what}; wanted a correlation within one step; measure "
+                         "again, or remove [noise] from targets.toml")  # fmt: skip
+
+
+def _check_log(path: Path, log: tuple[Array, Array], grid: _Grid, sd: Array) -> None:
+    """Raise ValueError where a log (t,) s and (t,) MPa contradicts the pressures of the steps, whose gauge
+    noise is sd (s,). Between its samples the log is linear; a few steps may lie off it, since a log cuts off
+    a fast step of the valve."""
+    apart = np.abs(np.interp(grid.time, *log) - grid.pressure)
+    off = apart > APART * np.abs(grid.pressure).max() + 6 * sd
+    if off.mean() <= 0.1:
+        return
+    worst = int(apart.argmax())
+    raise ValueError(
+        f"{path}: says {np.interp(grid.time[worst], *log):.4g} MPa at {grid.time[worst]:g} s, targets.csv "
+        f"{grid.pressure[worst]:.4g} MPa, and they differ at {int(off.sum())} of {len(off)} steps; wanted "
+        "the log of the same test, in the same unit and on the same clock; correct one of them, or remove "
+        "pressure.csv"
+    )
+
+
+def _check_blocks(path: Path, label: NDArray[np.int64], log_time: Array, grid: _Grid) -> None:
+    """Raise ValueError where the block of a sample of the log, label (t,), is none of targets.csv, or the
+    sample lies among the steps of another block."""
+    labels = sorted({block for block, _ in grid.steps})
+    for b in sorted(set(label.tolist()) - set(labels)):
+        raise ValueError(f"{path}: block {b} is not in targets.csv, which has {labels}")
+    for rank, b in enumerate(labels):
+        time = grid.time[grid.block == rank]
+        inside = (log_time >= time[0]) & (log_time <= time[-1])
+        for k in np.flatnonzero(inside & (label != b))[:1].tolist():
+            raise ValueError(
+                f"{path}: the sample at {log_time[k]:g} s is of block {label[k]}, but targets.csv has block "
+                f"{b} there; correct one of them"
+            )

@@ -33,11 +33,11 @@ def _keys(tables: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def _without_former(tables: dict[str, Any]) -> dict[str, Any]:
-    kept = dict(tables)
+    current = dict(tables)
     for name, keys in FORMER.items():
         if isinstance(tables.get(name), dict):
-            kept[name] = {key: value for key, value in tables[name].items() if key not in keys}
-    return kept
+            current[name] = {key: value for key, value in tables[name].items() if key not in keys}
+    return current
 
 
 def dump(config: Config) -> str:
@@ -58,8 +58,8 @@ def dump(config: Config) -> str:
 
 
 def write(path: Path, text: str, *, name: str = "twin.toml") -> Config:
-    """The configuration in a text that has then taken the place of the file; ValueError, and the file stays
-    as it is, where the text could not be read again."""
+    """The configuration in a text, which replaces the file. ValueError where the text cannot be read again;
+    the file then stays."""
     config = parse(text.encode(), name=name)
     files.write_text(path, text)
     return config
@@ -85,9 +85,9 @@ def with_point(text: str, point: Mapping[str, Any]) -> str:
     """The text of a twin.toml with one more [[points]] at its end; every other line stays."""
     lines = [f"{key} = {value_text(value)}" for key, value in point.items()]
     changed = "\n".join([text.rstrip("\n"), "", "[[points]]", *lines, ""])
-    wanted = tomllib.loads(text)
-    wanted.setdefault("points", []).append(dict(point))
-    if tomllib.loads(changed) != wanted:
+    expected = tomllib.loads(text)
+    expected.setdefault("points", []).append(dict(point))
+    if tomllib.loads(changed) != expected:
         raise ValueError(f"twin.toml: the point {point['name']!r} could not be added; write by hand:\n"
                          + "\n".join(["[[points]]", *lines]))  # fmt: skip
     return changed
@@ -95,10 +95,10 @@ def with_point(text: str, point: Mapping[str, Any]) -> str:
 
 def _check_only(old: str, new: str, table: str, key: str, value: Any) -> None:
     """Raise ValueError unless the edit set that key and changed nothing else."""
-    wanted = tomllib.loads(old)
-    wanted.setdefault(table, {})[key] = value
+    expected = tomllib.loads(old)
+    expected.setdefault(table, {})[key] = value
     try:
-        same = tomllib.loads(new) == wanted
+        same = tomllib.loads(new) == expected
     except tomllib.TOMLDecodeError:
         same = False
     if not same:
@@ -120,10 +120,10 @@ def _table(path: str, table: BaseModel, *, item: int | None = None) -> list[str]
         elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
             inner += _tables(f"{path}.{key}", value)
         elif value is None and (absent := table_of(type(table), key)) is not None:
-            other = key in BODIES and key != getattr(table, "kind", key)
-            inner += [] if path == "cameras" or other else _absent(f"{path}.{key}", absent)
+            other_body = key in BODIES and key != getattr(table, "kind", key)
+            inner += [] if path == "cameras" or other_body else _absent(f"{path}.{key}", absent)
         elif not (path == "frame" and key == "markers"):
-            plain.append(_line(key, value, field, first=not item))
+            plain.append(_line(key, value, field, commented=not item))
     head = [] if not plain else ["", f"[{path}]" if item is None else f"[[{path}]]"]
     return head + plain + inner
 
@@ -140,6 +140,6 @@ def _tables(path: str, items: Sequence[BaseModel]) -> list[str]:
     return [line for number, item in enumerate(items) for line in _table(path, item, item=number)]
 
 
-def _line(key: str, value: Any, field: FieldInfo, *, first: bool) -> str:
-    comment = f"  # {field.description}" if field.description and first else ""
+def _line(key: str, value: Any, field: FieldInfo, *, commented: bool) -> str:
+    comment = f"  # {field.description}" if field.description and commented else ""
     return f"# {key} = ...{comment}" if value is None else f"{key} = {value_text(value)}{comment}"

@@ -1,4 +1,4 @@
-"""What a project folder may do on this computer: a folder received from a stranger gets no more than its own
+"""Rights of a project folder on this computer: a folder received from a stranger gets no more than its own
 files. Its programs run, and its links are followed, only once their reader has said `twin trust`.
 
 What is trusted stands in a file of the user's own, outside every project, by digests: a program by its text,
@@ -29,23 +29,23 @@ class Asked:
 
 
 def trust_file() -> Path:
-    """Where what is trusted stands: softtwin/trusted.json in the user's folder of settings."""
+    """Path of the list of what is trusted: softtwin/trusted.json in the user's folder of settings."""
     base = os.environ.get("XDG_CONFIG_HOME") or os.environ.get("APPDATA") or str(Path.home() / ".config")
     return Path(base) / "softtwin" / "trusted.json"
 
 
 def trusted() -> dict[str, str]:
-    """What each trusted digest is of. ValueError where the file is damaged."""
+    """Description of each trusted program or link, by digest. ValueError where the file is damaged."""
     path = trust_file()
-    found = files.read_json(path) if path.exists() else {}
-    if not isinstance(found, dict) or not all(isinstance(v, str) for v in found.values()):
+    digests = files.read_json(path) if path.exists() else {}
+    if not isinstance(digests, dict) or not all(isinstance(v, str) for v in digests.values()):
         raise ValueError(f"{path}: wanted digests and what they are of; remove it and trust again")
-    return found
+    return digests
 
 
-def remember(root: Path, asked: Iterable[Asked]) -> None:
-    """Trust these of a project from now on."""
-    if new := {one.digest: f"{root / one.name}: {one.what}" for one in asked}:
+def remember(root: Path, requests: Iterable[Asked]) -> None:
+    """Trust programs and links of a project from now on."""
+    if new := {request.digest: f"{root / request.name}: {request.what}" for request in requests}:
         files.write_json(trust_file(), {**trusted(), **new})
 
 
@@ -98,14 +98,14 @@ def _digest(of: bytes) -> str:
     return hashlib.sha256(of).hexdigest()
 
 
-def check_trusted(root: Path, asked: Sequence[Asked]) -> None:
-    """Raise ValueError where one of these has not been trusted as it is now."""
-    known = trusted() if asked else {}
-    for one in asked:
-        if one.digest not in known:
+def check_trusted(root: Path, requests: Sequence[Asked]) -> None:
+    """Raise ValueError where a program or a link has not been trusted in its present state."""
+    digests = trusted() if requests else {}
+    for request in requests:
+        if request.digest not in digests:
             raise ValueError(
-                f"{one.name} is {one.what}, and it has not been trusted as it is now; look at it, then trust "
-                f"it with `twin trust -p {files.typed(root)}`, or take it out of the project"
+                f"{request.name} is {request.what}, and it has not been trusted as it is now; look at it, "
+                f"then trust it with `twin trust -p {files.typed(root)}`, or take it out of the project"
             )
 
 
@@ -123,7 +123,7 @@ def check_folder(root: Path, config: Config) -> None:
 
 
 def leads_out(path: Path, root: Path) -> bool:
-    """Whether a path of a project folder leads out of it."""
+    """True for a path that leads out of a project folder."""
     return not path.resolve().is_relative_to(root.resolve())
 
 
@@ -137,18 +137,18 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _below(root: Path, pattern: str) -> Iterator[Path]:
-    """What a text of twin.toml names in a folder, where it is a path or a pattern, and the links below it,
-    which are named and not followed."""
+    """Paths in a folder that a text of twin.toml names as a path or a pattern, and the links below them,
+    which are not followed."""
     try:
-        found = sorted(root.glob(pattern)) or [path for path in [root / pattern] if path.is_symlink()]
+        paths = sorted(root.glob(pattern)) or [path for path in [root / pattern] if path.is_symlink()]
     except (ValueError, NotImplementedError, OSError):  # no pattern: another text
         return
     if any(mark in pattern for mark in "*?["):
-        found += sorted({path.with_name(TIMES) for path in found} - {*found})
-    for path in found:
+        paths += sorted({path.with_name(TIMES) for path in paths} - {*paths})
+    for path in paths:
         yield path
         if leads_out(path, root):  # what lies behind a link is none of the project's
             continue
         for parent, folders, names in os.walk(path):
             below = (Path(parent) / name for name in (*folders, *names))
-            yield from (one for one in below if one.is_symlink())
+            yield from (link for link in below if link.is_symlink())

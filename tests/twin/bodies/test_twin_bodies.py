@@ -22,7 +22,7 @@ from twin.effects.protocol import Test
 from twin.model.keptmodel import base_test
 from twin.project.config import ModelTable
 from twin.project.folder import Project
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.validation import checked
 
 KINDS = list(BODIES)

@@ -9,8 +9,7 @@ import pytest
 from calibrate import Fit, Parameter
 from twin.calibrated import profiles
 from twin.calibrated.profiles import ENDS, Profiler
-from twin.executors.chosen import using
-from twin.executors.local import Serial
+from twin.executors.local import Serial, using
 
 TWO = (Parameter("C10", 0.0, 1.0, "MPa", start=0.2), Parameter("C01", 0.0, 1.0, "MPa", start=0.1))
 THETA = np.array([0.2, 0.1])

@@ -22,7 +22,7 @@ from twin.laws.catalogue import LAWS
 from twin.model.keptmodel import base_model
 from twin.model.structure import body_case
 from twin.project.folder import Project
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.targets import Load, Noise, PointKind, TargetPoint, Targets
 
 BAR = BarTable(length_mm=60.0, width_mm=12.0, height_mm=12.0).body

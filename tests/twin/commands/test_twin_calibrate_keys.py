@@ -17,7 +17,7 @@ from twin.commands.calibrate import run_calibrate
 from twin.commands.review import run_review
 from twin.judging.fitrecord import FitRecord
 from twin.project.folder import Project
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 
 pytestmark = pytest.mark.slow
 SD = 0.01  # mm, of the targets: the correction by finer meshes is no whole number of scales

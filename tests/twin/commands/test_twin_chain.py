@@ -50,7 +50,7 @@ from twin.model.structure import BuiltIn
 from twin.numerals import in_words, interval, value
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, ProjectTable
 from twin.project.folder import Project, dataset
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.results import rows_of
 from twin.review.merging import entity

@@ -26,8 +26,7 @@ from twin.model.discretisation import meshes_key
 from twin.model.keptmodel import base_model, base_test
 from twin.model.structure import Structure, skin
 from twin.project.folder import Project
-from twin.project.targetfiles import read_targets
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import read_targets, write_targets
 from twin.targets import Array, Noise, PointKind, TargetPoint, Targets
 
 LINES = ((-5.0, -4.0, -1.0, 1.0, 4.0, 5.0), (0.0, 1.0, 4.0, 5.0))  # y, z, mm

@@ -21,8 +21,7 @@ from twin.drawing.deformed import deformed_picture, write_vtu_series
 from twin.model import structure
 from twin.model.structure import of_deck, skin
 from twin.project.folder import Project
-from twin.project.targetfiles import read_targets
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import read_targets, write_targets
 
 Tube = Callable[..., Path]
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 60.0), (8.0, 60.0), (8.4, 0.0), (12.0, 0.0))  # kPa

@@ -31,7 +31,7 @@ from twin.model.keptmodel import base_test
 from twin.model.structure import BuiltIn
 from twin.project.config import Config
 from twin.project.folder import Project, kind_of
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.project.toml import dump, with_key
 from twin.targets import TargetPoint, at_node
 

@@ -30,8 +30,7 @@ from twin.commands.predict import run_predict
 from twin.commands.profile import run_profile
 from twin.commands.review import run_review
 from twin.commands.study import run_study
-from twin.executors.chosen import using
-from twin.executors.local import Processes
+from twin.executors.local import Processes, using
 from twin.judging.fitrecord import FitRecord
 from twin.marktables import PointTable
 from twin.model import enginejobs
@@ -39,7 +38,7 @@ from twin.model.keptmodel import base_test
 from twin.model.structure import BuiltIn, base_case
 from twin.project.config import CalibrateTable, Config, ModelTable
 from twin.project.folder import Project
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.study.generations import evaluations
 from twin.targets import relative

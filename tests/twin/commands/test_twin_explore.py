@@ -16,8 +16,7 @@ from twin.calibrated import exploration
 from twin.calibrated.exploration import FieldResponse, FingerAnswer, solved_row
 from twin.commands import explore
 from twin.commands.explore import run_explore, told
-from twin.executors.chosen import using
-from twin.executors.local import Processes, Serial
+from twin.executors.local import Processes, Serial, using
 from twin.experiments.designs import Variable
 from twin.experiments.maineffects import MainEffects
 from twin.marktables import PointTable

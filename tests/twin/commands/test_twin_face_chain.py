@@ -21,7 +21,7 @@ from twin.marktables import PointTable
 from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, ProjectTable
 from twin.project.folder import Project
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.targets import PointKind, TargetPoint, as_position, at_node
 

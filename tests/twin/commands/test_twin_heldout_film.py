@@ -13,7 +13,7 @@ from twin.inputs.films import FilmTargets, joined
 from twin.model.structure import BuiltIn
 from twin.project.folder import Project
 from twin.project.record import SourceRecord
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 
 FILMS = {
     "slow": ((0.0, 0.0), (2.0, 0.0), (5.0, 30.0), (12.0, 30.0), (14.0, 0.0), (17.0, 0.0)),

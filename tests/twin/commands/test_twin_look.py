@@ -22,8 +22,7 @@ from twin.drawing.driftchart import DriftCourse, drift_chart
 from twin.marktables import PointTable
 from twin.model.structure import BuiltIn, base_case
 from twin.project.folder import Project
-from twin.project.targetfiles import read_targets
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import read_targets, write_targets
 from twin.targets import PointKind
 
 DIMENSIONS = """

@@ -21,7 +21,7 @@ from twin.marktables import PointTable
 from twin.model.structure import BuiltIn
 from twin.project.config import CalibrateTable, Config, ProjectTable
 from twin.project.folder import Project
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 
 FILM = ((0.0, 0.0), (2.0, 0.0), (5.0, 30.0), (7.0, 30.0))

@@ -24,7 +24,7 @@ from twin.model import loadpaths
 from twin.model.structure import BuiltIn, base_case, of_deck
 from twin.project.config import CalibrateTable, Config, ModelTable
 from twin.project.folder import Project
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.targets import Array, PointKind, TargetPoint, Targets, at_node
 

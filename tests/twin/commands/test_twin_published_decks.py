@@ -25,7 +25,7 @@ from twin.messages import Silent
 from twin.model.discretisation import stiffness_doubt
 from twin.model.structure import of_deck
 from twin.project.folder import Project
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 
 NAMED = [a for n, x in (("tip", TIP), ("middle", MIDDLE)) for a in ("--node", f"{n}={','.join(map(str, x))}")]
 

@@ -27,12 +27,12 @@ from twin.commands.initlike import run_init_like
 from twin.commands.recalibrate import run_recalibrate
 from twin.commands.recalibrateall import recalibrate_all
 from twin.commands.trust import run_trust
-from twin.executors.chosen import using
+from twin.executors.local import using
 from twin.judging.fitrecord import FitRecord
 from twin.marktables import PointTable
 from twin.project.config import Config, ProjectTable
 from twin.project.folder import Project, dataset
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.project.toml import dump, with_key
 from twin.report.page import render
 from twin.validation import decoded

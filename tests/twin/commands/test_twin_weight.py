@@ -30,7 +30,7 @@ from twin.model.loadpaths import Turned, sheets
 from twin.model.structure import BuiltIn, of_finger, weighed
 from twin.project.config import CalibrateTable, Config, ModelTable, ProjectTable
 from twin.project.folder import Project
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.review.states import Generations
 from twin.targets import Array, Targets

@@ -18,10 +18,9 @@ import pytest
 
 from tests.messages import saying
 from tests.twin.executors.clusterbench import ONE_THREAD, ROOT, ClusterBench
-from twin.executors.chosen import current
 from twin.executors.clusters import on_cluster
 from twin.executors.daskcluster import Dask
-from twin.executors.local import Processes, Serial
+from twin.executors.local import Processes, Serial, current
 from twin.executors.protocol import gathered
 
 pytest.importorskip("distributed")

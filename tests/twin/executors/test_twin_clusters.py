@@ -11,12 +11,10 @@ from typing import Any
 import pytest
 
 from twin.executors import chosen, clusters, daskcluster
-from twin.executors.chosen import current, using
-from twin.executors.clusters import on_cluster
+from twin.executors.clusters import SlurmTable, on_cluster, slurm_jobs
 from twin.executors.daskcluster import Dask
-from twin.executors.local import Processes, Serial
+from twin.executors.local import Processes, Serial, current, using
 from twin.executors.protocol import Task, gathered
-from twin.executors.slurm import SlurmTable, slurm_jobs
 from twin.executors.surroundings import Surroundings, sources_of
 
 HERE = replace(Surroundings.here(), threads=(("OMP_NUM_THREADS", "1"),))

@@ -18,10 +18,9 @@ from twin import effort
 from twin.calibrated.caches import FolderCache
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect
-from twin.executors.chosen import current, using
 from twin.executors.clusters import on_cluster
 from twin.executors.daskcluster import Dask
-from twin.executors.local import Serial
+from twin.executors.local import Serial, current, using
 from twin.executors.protocol import gathered
 from twin.executors.surroundings import PACKAGES
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN

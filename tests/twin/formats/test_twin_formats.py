@@ -20,8 +20,7 @@ from twin.formats.recorded import Recorded
 from twin.formats.supplied import still_wanted, turned
 from twin.marktables import PointTable
 from twin.project.folder import Project
-from twin.project.targetfiles import read_targets
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import read_targets, write_targets
 from twin.project.toml import with_key
 from twin.targets import PointKind, Targets
 

@@ -26,8 +26,7 @@ from twin.judging.judged import judge
 from twin.judging.whitening import whitener
 from twin.model.keptmodel import base_model
 from twin.project.folder import Project
-from twin.project.targetfiles import read_targets
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import read_targets, write_targets
 from twin.report.page import render
 from twin.targets import Noise, PointKind, TargetPoint, Targets, relative
 

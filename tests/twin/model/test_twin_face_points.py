@@ -11,8 +11,7 @@ from fe import Case, solve
 from fe import Path as Load
 from tests.messages import saying
 from twin.model.keptmodel import base_test
-from twin.project.targetfiles import read_targets
-from twin.project.targetwriting import write_targets
+from twin.project.targetfiles import read_targets, write_targets
 from twin.targets import PointKind, TargetPoint, Targets, as_position
 
 

@@ -204,7 +204,7 @@ def test_a_lock_without_its_owner_is_a_lock(project):
 
 def test_the_lock_of_a_killed_process_is_taken_over(project):
     code = (
-        "import sys, time; from pathlib import Path; from twin.project.locks import lock\n"
+        "import sys, time; from pathlib import Path; from twin.files import lock\n"
         "with lock(Path(sys.argv[1]), 'measure'): print('held', flush=True); time.sleep(60)"
     )
     command = [sys.executable, "-c", code, str(project.root / ".lock")]
