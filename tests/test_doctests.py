@@ -30,3 +30,8 @@ def test_examples_of_a_module_print_what_they_say(name, tmp_path, monkeypatch):
         runner.run(example, out=report.append)
     assert not runner.failures, "".join(report)
     assert runner.tries, f"{name} has `>>>` outside of a docstring that doctest finds"
+
+
+def test_there_are_examples_to_learn_from() -> None:
+    files = [p for name in ("vision", "fe", "calibrate", "twin") for p in (ROOT / name).rglob("*.py")]
+    assert sum(len(re.findall(r"^\s*>>> ", p.read_text(encoding="utf-8"), re.M)) for p in files) >= 150
