@@ -1,7 +1,11 @@
 """The whole chain: a recorded inflation test becomes a calibrated twin that names its missing effect.
 
-These names are what a notebook and a file of your own effect need (docs/own-effect.md). Each is imported when
-it is first used, so that `import twin` stays quick.
+    data = twin.read_table("tip.csv", points={"tip": (110, 11.5, 0)}, sd_mm=0.02)
+    fit = twin.calibrate(twin.finger(length_mm=92), data)
+    found = twin.diagnose(fit, data)
+
+These names are what a notebook (docs/python.md) and a file of your own effect (docs/own-effect.md) need. Each
+is imported when it is first used, so that `import twin` stays quick.
 
 Beside the rooms lie `targets`, the measurement as arrays; `gravity` and `sanity`, what targets obey;
 `tablemodel`, the kinds of values in tables of TOML, and `validation`, which checks them; `marktables`,
@@ -16,8 +20,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from calibrate import Parameter
+    from twin.calibrated.actuators import bar, deck, finger, pneunet, tube
+    from twin.calibrated.calibration import calibrate, diagnose
+    from twin.calibrated.measurements import read_table
     from twin.contract.promises import check_effect
-    from twin.diagnosis.procedure import diagnose
     from twin.effects.protocol import Effect, Order, Test
     from twin.judging.comparison import compare
     from twin.judging.fitting import whitener_of
@@ -33,10 +39,17 @@ __all__ = [
     "Parameter",
     "Targets",
     "Test",
+    "bar",
+    "calibrate",
     "check_effect",
     "compare",
+    "deck",
     "diagnose",
+    "finger",
     "open_project",
+    "pneunet",
+    "read_table",
+    "tube",
     "whitener_of",
 ]
 
@@ -48,10 +61,17 @@ _HOME = {
     "Parameter": "calibrate",
     "Targets": "twin.targets",
     "Test": "twin.effects.protocol",
+    "bar": "twin.calibrated.actuators",
+    "calibrate": "twin.calibrated.calibration",
     "check_effect": "twin.contract.promises",
     "compare": "twin.judging.comparison",
-    "diagnose": "twin.diagnosis.procedure",
+    "deck": "twin.calibrated.actuators",
+    "diagnose": "twin.calibrated.calibration",
+    "finger": "twin.calibrated.actuators",
     "open_project": "twin.notebook",
+    "pneunet": "twin.calibrated.actuators",
+    "read_table": "twin.calibrated.measurements",
+    "tube": "twin.calibrated.actuators",
     "whitener_of": "twin.judging.fitting",
 }
 

@@ -216,6 +216,16 @@ class Targets:
                 raise ValueError(f"targets: {name} has shape {getattr(self, name).shape}; wanted {shape}")
         _check(self)
 
+    def __str__(self) -> str:
+        """Points, steps, pressure and noise in one line."""
+        names, count = ", ".join(self.names[:6]) + (", ..." if len(self.names) > 6 else ""), len(self.names)
+        variance = np.diagonal(self.covariance, axis1=2, axis2=3)[self.valid]
+        sd = float(np.sqrt(np.median(variance))) if len(variance) else 0.0
+        return (
+            f"Targets of {count} point{'s' * (count > 1)} ({names}) at {len(self.time)} steps up to "
+            f"{1e3 * float(self.pressure.max()):.3g} kPa; sd {sd:.2g} mm"
+        )
+
     @property
     def alone(self) -> "Targets":
         """The targets with normal errors, and with nothing that is known beside them."""

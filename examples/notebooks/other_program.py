@@ -16,7 +16,8 @@ import numpy as np
 import pandas as pd
 
 import fe
-from twin import Model, diagnose
+from twin import Model
+from twin.diagnosis.procedure import diagnose
 from twin.effects.library import effect
 from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of

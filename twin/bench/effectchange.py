@@ -10,11 +10,11 @@ from calibrate import Fit, Parameter
 from twin import files
 from twin.bench import waterfall
 from twin.bench.comparison import JUDGED, Judgement, compared, keep, kept
-from twin.bench.effectlaws import begun_from, nominal
 from twin.bench.fits import fresh, newest, newest_fit
 from twin.bench.materialtests import told_of_tests, write_curves
 from twin.bench.provenance import fitted_by
 from twin.bench.workbench import Workbench
+from twin.calibrated.effectstarts import begun_from, nominal
 from twin.judging.comparison import Comparison
 from twin.judging.fitrecord import ComparisonRecord, Estimate, FitRecord, MaterialTestsRow
 from twin.judging.intervals import estimates, fit_record

@@ -3,17 +3,14 @@
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import numpy as np
-
 from fe import Case
-from fe.mesh.points import nearest
 from twin.bench.engines import jobs_of
 from twin.bench.fits import newest
-from twin.bench.positions import on_surface, one_side, places_of
 from twin.bench.priors import TAILS, known_values
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
 from twin.calibrated.caches import Store
+from twin.calibrated.positions import PlacedPoint, on_model, on_surface, placed
 from twin.calibrated.problem import BEYOND, CalibrationProblem
 from twin.coupons.pulltest import pull_tests
 from twin.effects.material import Elasticity
@@ -31,9 +28,7 @@ from twin.model.structure import Structure, beside, closed, in_law, of_body, of_
 from twin.project.folder import Project
 from twin.project.trust import check_trusted, programs
 from twin.sanity import motion_fault, place_fault, rise_fault
-from twin.targets import PointKind, Targets, as_position
-
-OFF_MODEL_MM = 0.5
+from twin.targets import PointKind, Targets
 
 
 @dataclass(frozen=True)
@@ -72,7 +67,7 @@ class Workbench(CalibrationProblem):
                 )
             if point.node is not None:
                 structure.case.position(point.node)  # names what is wrong with an unknown node
-        targets, remarks = _on_model(targets, structure.case)
+        targets, remarks = on_model(targets, structure.case)
         check_plausible(project, targets, structure.case)
         if structure.case.pressurised and (fault := rise_fault(targets)):
             raise ValueError(f"targets: {fault}")
@@ -165,24 +160,13 @@ def _unweighed(project: Project) -> Structure:
     return of_deck(path, mesh=table.mesh, silicone=table.silicone, law=stated_law(project))
 
 
-def _on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
-    """Targets whose material points lie on the model, and what was moved for that."""
-    points, off = list(targets.points), {}
-    for p in np.flatnonzero(targets.of_kind(PointKind.PLACE)):
-        own = np.array(points[p].position)
-        moved_to = nearest(case, own)
-        off[points[p].name] = float(np.linalg.norm(moved_to - own))
-        points[p] = replace(points[p], position=as_position(moved_to))
-    worst = max(off, key=lambda name: off[name], default="")
-    if off.get(worst, 0.0) > OFF_MODEL_MM:
-        raise ValueError(
-            f"point {worst!r} lies {off[worst]:.2f} mm off the model, wanted at most {OFF_MODEL_MM} mm: "
-            "correct the region or y_mm in [dic], or the model's geometry, and measure anew"
-        )
-    moved = sum(distance > 0.0 for distance in off.values())
-    if not moved:
-        return targets, ()
-    return replace(targets, points=tuple(points)), (
-        f"{moved} of {len(off)} points without a node lie up to {off[worst]:.2f} mm off the model ({worst}). "
-        "The nearest point of the model stands for each.",
-    )
+def places_of(project: Project, structure: Structure) -> dict[str, PlacedPoint]:
+    """The places of the points that twin.toml states without a node, by name. ValueError where one is further
+    than ON_FINGER_MM from the finger."""
+    return placed(project.config.points, structure, mirrored=one_side(project))
+
+
+def one_side(project: Project) -> bool:
+    """Whether a point on the side y < 0 of half a finger stands for its mirror image on the other side: one
+    camera sees only x and z, which are the same in both."""
+    return len(project.config.cameras) == 1

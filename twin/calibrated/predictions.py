@@ -5,6 +5,7 @@ the film tells of it is carried over (`leftopen`). Beyond the tested pressure th
 way that the film could not show: C20 is uncertain then, as far as the film leaves it open.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -13,12 +14,14 @@ from numpy.typing import NDArray
 
 from twin.calibrated.predictionerrors import Uncertain, told_by_film
 from twin.calibrated.problem import CalibrationProblem
+from twin.gauge.pressureunits import in_MPa, unit_of
 from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.model.prediction import Model
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
 
 GAP = 60.0  # s at rest before every course: what creeps has nearly come back
+TOO_MUCH = 1.0  # MPa: no soft finger has it
 SAME = 1.001  # of the tested pressure: a gauge does not tell more
 NORMAL = 1.96  # sds of a 95 % interval
 LOW, HIGH = "end, low", "end, high"  # two points of the end face, whose turn is the tip's angle
@@ -242,3 +245,19 @@ def turned(names: tuple[str, ...], u: Array, factors: Array, face: Array) -> tup
     error = factors[:, :, high] - factors[:, :, low]
     turn = np.arctan2(x, z) - np.arctan2(before[0], before[2])
     return np.degrees(turn), np.degrees((z * error[..., 0] - x * error[..., 2]) / (x**2 + z**2))
+
+
+def pressure_of(text: str) -> float:
+    """A pressure with its unit, such as 20kPa, in MPa. ValueError where it is none."""
+    found = re.fullmatch(r"\s*([-+]?[0-9.]+(?:e[-+]?\d+)?)\s*([A-Za-z()]+)\s*", text)
+    what = f"--pressure {text!r}"
+    if found is None:
+        raise ValueError(f"{what}: wanted a number with its unit, such as 20kPa or 0.2bar")
+    unit = unit_of(found[2], what=what)
+    try:
+        value = float(in_MPa(np.array([float(found[1])]), unit, line=None)[0])
+    except (ValueError, AssertionError):
+        raise ValueError(f"{what}: wanted a number with its unit, such as 20kPa or 0.2bar") from None
+    if not 0 < value < TOO_MUCH:
+        raise ValueError(f"{what} is {value:g} MPa: wanted above 0 and below {TOO_MUCH:g} MPa")
+    return value

@@ -47,6 +47,7 @@ class CalibrationProblem:
     remarks: changes to the targets, one sentence each. tests: of the silicone itself, whose curves the
     targets have, up to BEYOND of finger_stretch, the largest stretch in the finger. store: finer meshes that
     were solved. effects: labels of the effects in the model, of which `own` are the user's.
+    mesh_error: whether finer meshes tell the error of this one.
     """
 
     targets: Targets
@@ -58,6 +59,7 @@ class CalibrationProblem:
     store: Store = field(default_factory=Store)
     effects: tuple[str, ...] = ()
     own: tuple[Effect, ...] = ()
+    mesh_error: bool = True
 
     @property
     def case(self) -> Case:
@@ -152,7 +154,7 @@ class CalibrationProblem:
         if self.jobs is not None:
             why = f"finer meshes are solved by the embedded engine alone, and not by {self.jobs.engine.name}"
             return _warned(Discretisation.none(why), say)
-        if self.targets.noise is None:
+        if self.targets.noise is None or not self.mesh_error:
             return None
         if self.structure.unknown:
             return _warned(Discretisation.none(self.structure.unknown), say)

@@ -6,9 +6,10 @@ from typing import Annotated, Any
 from typer import Argument
 
 from twin.bench.effectchange import change_effects
-from twin.bench.effectlaws import Start, begun, laws_of, nominal
+from twin.bench.effectlaws import laws_of
 from twin.bench.fits import named_effects, newest_fit
 from twin.bench.workbench import Workbench
+from twin.calibrated.effectstarts import Start, begun, nominal
 from twin.effects.labels import AND, name_of
 from twin.effects.protocol import Effect
 from twin.messages import Say

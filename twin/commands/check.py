@@ -143,8 +143,8 @@ def check_finger(project: Project, say: Say) -> None:
     """Say what is to be known of the finger's mesh and of points on it; ValueError where they are not
     right."""
     from twin.bench.meshshapes import poor_shapes, shape_table
-    from twin.bench.positions import check_points, one_side, places_of
-    from twin.bench.workbench import structure_of
+    from twin.bench.workbench import one_side, places_of, structure_of
+    from twin.calibrated.positions import check_points
     from twin.model.structure import size_doubt
 
     structure = structure_of(project)

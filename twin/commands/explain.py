@@ -7,11 +7,12 @@ import numpy as np
 from typer import Argument
 
 from twin import files
-from twin.bench.effectlaws import begun, begun_from, laws_of
+from twin.bench.effectlaws import laws_of
 from twin.bench.engines import check_embedded
 from twin.bench.fits import newest, newest_fit
 from twin.bench.priors import check_least_squares
 from twin.bench.workbench import Workbench
+from twin.calibrated.effectstarts import begun, begun_from
 from twin.diagnosis.diagnosisrecord import NONE, DiagnosisRecord
 from twin.diagnosis.explanation import explained, table
 from twin.effects.labels import AND, name_of

@@ -15,7 +15,7 @@ from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.explorationranges import asked_ranges
 from twin.calibrated.exploration import FieldResponse, FingerAnswer, VariedFinger, farthest, tasks_of
-from twin.commands.predict import pressure_of
+from twin.calibrated.predictions import pressure_of
 from twin.drawing.exploreplots import Coordinate, EffectPanel, draw_effects, draw_parallel
 from twin.executors.local import current
 from twin.experiments.designs import DesignKind, Variable

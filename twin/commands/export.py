@@ -15,8 +15,9 @@ from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
 from twin.bench.workbench import Workbench
-from twin.calibrated.predictions import Prediction, WantedCourse, predicted
-from twin.commands.predict import asked, check_times, pressure_of
+from twin.calibrated.positions import asked
+from twin.calibrated.predictions import Prediction, WantedCourse, predicted, pressure_of
+from twin.commands.predict import check_times
 from twin.effects.protocol import Effect, Order, Test
 from twin.gravity import of_targets
 from twin.judging.fitrecord import Estimate, FitRecord

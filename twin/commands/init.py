@@ -246,8 +246,8 @@ def body_table(body: str, finger: Sequence[str] = ()) -> tuple[str, BodyTable | 
 def _check_points(config: Config, deck: "Deck | None", shape: BodyTable | None, say: Say) -> None:
     """Say where points lie that are stated in mm. ValueError where one is at a node that is not there or not
     on the surface, or far from it. Dimensions of the built-in finger that are not stated may still change."""
-    from twin.bench.positions import check_points, placed
     from twin.bodies.finger import BuiltIn
+    from twin.calibrated.positions import check_points, placed
     from twin.model.structure import Structure, body_case, skin
 
     nodes, mirrored = {point.node for point in config.points} - {None}, len(config.cameras) == 1

@@ -9,8 +9,8 @@ from typer import Option
 from fe.element import triangles
 from fe.mesh.elementshapes import quality
 from twin.bench.meshshapes import nearest_node, places_asked, shape_csv
-from twin.bench.positions import one_side, places_of, position_of
-from twin.bench.workbench import structure_of
+from twin.bench.workbench import one_side, places_of, structure_of
+from twin.calibrated.positions import position_of
 from twin.coupons.pulltest import pull_tests
 from twin.drawing.blueprint import dimensioned
 from twin.drawing.meshpictures import labelled, shapes

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typer import Option
 
-from twin.bench.positions import one_side
-from twin.bench.workbench import structure_of
+from twin.bench.workbench import one_side, structure_of
 from twin.csvtable import read_sheet
 from twin.inputs.cameras import camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.recordings import marks_of

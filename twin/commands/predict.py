@@ -1,6 +1,5 @@
 """The command predict: what the calibrated finger does under a pressure that nobody has measured."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,16 +11,15 @@ from pydantic import Field
 from typer import Option
 
 from fe.element import triangles
-from fe.mesh.points import nearest
 from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
-from twin.bench.positions import ON_FINGER_MM
 from twin.bench.workbench import Workbench
 from twin.calibrated.blockedforce import Blocked, blocked_force
 from twin.calibrated.inverse import Inverse, Wanted, pressure_for
 from twin.calibrated.objectforce import beside, rising, touched
-from twin.calibrated.predictions import NORMAL, Prediction, WantedCourse, predicted
+from twin.calibrated.positions import asked
+from twin.calibrated.predictions import NORMAL, Prediction, WantedCourse, predicted, pressure_of
 from twin.commands.predictchambers import filling_notes, shares_of_words
 from twin.commands.predictobject import (
     PredictedContact,
@@ -36,7 +34,6 @@ from twin.drawing.uncertaintyplots import draw_prediction
 from twin.effects.loads import Gravity
 from twin.effects.protocol import Order
 from twin.gauge.pressurelog import read_log
-from twin.gauge.pressureunits import in_MPa, unit_of
 from twin.gravity import is_heavy
 from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
@@ -45,10 +42,9 @@ from twin.project.folder import Project, Run
 from twin.records import Maybe, Record
 from twin.review.shapes import write_shapes
 from twin.tablemodel import Finite
-from twin.targets import Array, PointKind
+from twin.targets import Array
 
 MOST = 200  # times of a course that are predicted
-TOO_MUCH = 1.0  # MPa: no soft finger has it
 AXES = ("U1", "U2", "U3")
 FASTER, LONGER = 1.5, 1.5  # than the film: what is told
 TURNED = 0.985  # cosine of 10 degrees between two orientations
@@ -247,55 +243,6 @@ def check_times(ramp_s: float, hold_s: float) -> None:
     for name, value in (("--ramp-s", ramp_s), ("--hold-s", hold_s)):
         if not 0 < value < 1e5:
             raise ValueError(f"{name} {value:g}: wanted a time in s, above 0")
-
-
-def pressure_of(text: str) -> float:
-    """A pressure with its unit, such as 20kPa, in MPa. ValueError where it is none."""
-    found = re.fullmatch(r"\s*([-+]?[0-9.]+(?:e[-+]?\d+)?)\s*([A-Za-z()]+)\s*", text)
-    what = f"--pressure {text!r}"
-    if found is None:
-        raise ValueError(f"{what}: wanted a number with its unit, such as 20kPa or 0.2bar")
-    unit = unit_of(found[2], what=what)
-    try:
-        value = float(in_MPa(np.array([float(found[1])]), unit, line=None)[0])
-    except (ValueError, AssertionError):
-        raise ValueError(f"{what}: wanted a number with its unit, such as 20kPa or 0.2bar") from None
-    if not 0 < value < TOO_MUCH:
-        raise ValueError(f"{what} is {value:g} MPa: wanted above 0 and below {TOO_MUCH:g} MPa")
-    return value
-
-
-def asked(bench: Workbench, at: Sequence[str]) -> dict[str, Array]:
-    """The places (3,) mm on the finger that are asked for, by name: points of the project, x=60 (on their
-    line along the finger), or x,y,z; all points of the project where nothing is."""
-    names, every = bench.targets.names, bench.targets.places(bench.case.position)
-    own = {n: x for n, x, p in zip(names, every, bench.targets.points) if p.kind is not PointKind.FIXED}
-    return {text: _place(bench, text, own) for text in at} or own
-
-
-def _place(bench: Workbench, text: str, own: dict[str, Array]) -> Array:
-    if text in own:
-        return own[text]
-    numbers = re.sub(r"^x=", "", text).split(",")
-    try:
-        x = np.array([float(n) for n in numbers])
-    except ValueError:
-        x = np.zeros(0)
-    if len(x) == 1 and text.startswith("x="):
-        near = min(own.values(), key=lambda place: abs(float(place[0]) - float(x[0])))
-        x = np.array([x[0], near[1], near[2]])
-    if x.shape != (3,) or not np.isfinite(x).all():
-        raise ValueError(
-            f"--at {text!r}: wanted a point of the project ({', '.join(own)}), x=60, or x,y,z in mm, the "
-            "clamp at x = 0"
-        )
-    found = np.asarray(nearest(bench.case, x), float)
-    if (off := float(np.linalg.norm(found - x))) > ON_FINGER_MM:
-        raise ValueError(
-            f"--at {text!r} is {off:.1f} mm off the finger's surface; wanted at most {ON_FINGER_MM:g} mm: "
-            f"the nearest place is {','.join(f'{v:.4g}' for v in found)}"
-        )
-    return found
 
 
 def _picture(found: Sequence[Prediction]) -> bytes:

@@ -73,8 +73,8 @@ def recorded(project: Project, key: str, pattern: str) -> list[Path]:
 def marks_of(project: Project) -> list["Mark"]:
     """Every marker with the centre that twin.toml states, (3,) mm: those of the frame, and the finger's; of
     a point that states none, its node's. ValueError where a stated one lies far from the finger."""
-    from twin.bench.positions import one_side, places_of, position_of
-    from twin.bench.workbench import structure_of
+    from twin.bench.workbench import one_side, places_of, structure_of
+    from twin.calibrated.positions import position_of
     from vision import Mark
 
     marks = [

@@ -9,7 +9,7 @@ import pytest
 from tests.messages import saying, says
 from twin import cli
 from twin.bench.meshshapes import nearest_node, places_asked, poor_shapes, shape_csv, shape_table
-from twin.bench.positions import check_points
+from twin.calibrated.positions import check_points
 from twin.marktables import PointTable
 from twin.model.structure import of_deck
 

@@ -14,8 +14,8 @@ from rerun.chunk import RrdReader
 from fe import Material, solve
 from tests.messages import saying
 from twin import cli, virtual
-from twin.bench.positions import ON_FINGER_MM, places_of
-from twin.bench.workbench import Workbench, structure_of
+from twin.bench.workbench import Workbench, places_of, structure_of
+from twin.calibrated.positions import ON_FINGER_MM
 from twin.csvtable import read_sheet
 from twin.drawing.blueprint import cut, cut_across
 from twin.drawing.driftchart import DriftCourse, drift_chart
@@ -125,7 +125,7 @@ def test_a_mark_is_measured_where_it_is_stated(tmp_path: Path) -> None:
 @pytest.mark.parametrize("y", [8.0, -8.0])
 def test_a_mark_at_a_node_lies_on_the_side_that_the_camera_sees(y: float, tmp_path: Path) -> None:
     from tests.strangers.studio import config_of
-    from twin.bench.positions import check_points
+    from twin.calibrated.positions import check_points
     from twin.inputs.recordings import marks_of
     from twin.sanity import place_fault
     from twin.targets import as_position, at_node

@@ -13,9 +13,10 @@ from twin.bench.workbench import Workbench
 from twin.calibrated import inverse
 from twin.calibrated.blockedforce import _kept
 from twin.calibrated.inverse import Wanted, first_crossing
+from twin.calibrated.positions import asked
 from twin.calibrated.predictionerrors import Uncertain, told_by_film
-from twin.calibrated.predictions import GAP, HIGH, LOW, Prediction, WantedCourse, after, turned
-from twin.commands.predict import _gravity, _notes, asked, pressure_of, run_predict
+from twin.calibrated.predictions import GAP, HIGH, LOW, Prediction, WantedCourse, after, pressure_of, turned
+from twin.commands.predict import _gravity, _notes, run_predict
 from twin.effects.protocol import Unsolvable
 from twin.project.folder import Project, dataset
 

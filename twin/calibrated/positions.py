@@ -1,17 +1,20 @@
 """The points of twin.toml that are stated by a position in mm -> their places on the finger's surface."""
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fe.mesh.points import nearest_on_faces
+from fe import Case
+from fe.mesh.points import nearest, nearest_on_faces
+from twin.calibrated.problem import CalibrationProblem
 from twin.marktables import PointTable
 from twin.model.structure import Structure
-from twin.project.folder import Project
 from twin.sanity import on_model_side
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
 
+OFF_MODEL_MM = 0.5
 ON_FINGER_MM = 3.0  # from the surface at most: room for a tag's thickness and for a rough reading
 
 
@@ -39,23 +42,18 @@ class PlacedPoint:
         )
 
 
-def places_of(project: Project, structure: Structure) -> dict[str, PlacedPoint]:
-    """The places of the points that twin.toml states without a node, by name. ValueError where one is further
-    than ON_FINGER_MM from the finger."""
-    return placed(project.config.points, structure, mirrored=one_side(project))
-
-
 def placed(
     points: Iterable[PointTable], structure: Structure, *, mirrored: bool
 ) -> dict[str, PlacedPoint]:
-    """The same for these points.   mirrored: see `one_side`."""
+    """The places of the points without a node, by name. ValueError where one is further than ON_FINGER_MM
+    from the surface.   mirrored: whether a point at y < 0 of half a body stands for its mirror image."""
     return {p.name: _place(p, structure, mirrored=mirrored) for p in points if p.node is None}
 
 
 def check_points(points: Iterable[PointTable], structure: Structure, *, mirrored: bool = False) -> None:
     """Raise ValueError where a point is at a node that is not on the surface, or is stated far from it.
 
-    mirrored: see `one_side`.
+    mirrored: see `placed`.
     """
     surface = set(structure.case.labels[np.unique(structure.outside)].tolist())
     for point in points:
@@ -81,16 +79,10 @@ def check_points(points: Iterable[PointTable], structure: Structure, *, mirrored
 
 def position_of(point: PointTable, structure: Structure, *, mirrored: bool = False) -> Array:
     """The undeformed position (3,) mm of a point: its node's, or the nearest place on the surface. ValueError
-    where there is no such node or place.   mirrored: see `one_side`."""
+    where there is no such node or place.   mirrored: see `placed`."""
     if point.node is not None:
         return np.asarray(structure.case.position(point.node), float)
     return _place(point, structure, mirrored=mirrored).nearest
-
-
-def one_side(project: Project) -> bool:
-    """Whether a point on the side y < 0 of half a finger stands for its mirror image on the other side: one
-    camera sees only x and z, which are the same in both."""
-    return len(project.config.cameras) == 1
 
 
 def _place(point: PointTable, structure: Structure, *, mirrored: bool = False) -> PlacedPoint:
@@ -128,3 +120,59 @@ def _moved(point: TargetPoint, place: PlacedPoint) -> TargetPoint:
 
 def _shown(x: Array) -> str:
     return "[" + ", ".join(f"{v:.4g}" for v in np.round(x, 3) + 0.0) + "]"
+
+
+def on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
+    """Targets whose material points lie on the model, and what was moved for that."""
+    points, off = list(targets.points), {}
+    for p in np.flatnonzero(targets.of_kind(PointKind.PLACE)):
+        own = np.array(points[p].position)
+        moved_to = nearest(case, own)
+        off[points[p].name] = float(np.linalg.norm(moved_to - own))
+        points[p] = replace(points[p], position=as_position(moved_to))
+    worst = max(off, key=lambda name: off[name], default="")
+    if off.get(worst, 0.0) > OFF_MODEL_MM:
+        raise ValueError(
+            f"point {worst!r} lies {off[worst]:.2f} mm off the model, wanted at most {OFF_MODEL_MM} mm: "
+            "correct the region or y_mm in [dic], or the model's geometry, and measure anew"
+        )
+    moved = sum(distance > 0.0 for distance in off.values())
+    if not moved:
+        return targets, ()
+    return replace(targets, points=tuple(points)), (
+        f"{moved} of {len(off)} points without a node lie up to {off[worst]:.2f} mm off the model ({worst}). "
+        "The nearest point of the model stands for each.",
+    )
+
+
+def asked(problem: CalibrationProblem, at: Sequence[str]) -> dict[str, Array]:
+    """The places (3,) mm on the finger that are asked for, by name: points of the project, x=60 (on their
+    line along the finger), or x,y,z; all points of the project where nothing is."""
+    names, every = problem.targets.names, problem.targets.places(problem.case.position)
+    own = {n: x for n, x, p in zip(names, every, problem.targets.points) if p.kind is not PointKind.FIXED}
+    return {text: _asked(problem, text, own) for text in at} or own
+
+
+def _asked(problem: CalibrationProblem, text: str, own: dict[str, Array]) -> Array:
+    if text in own:
+        return own[text]
+    numbers = re.sub(r"^x=", "", text).split(",")
+    try:
+        x = np.array([float(n) for n in numbers])
+    except ValueError:
+        x = np.zeros(0)
+    if len(x) == 1 and text.startswith("x="):
+        near = min(own.values(), key=lambda place: abs(float(place[0]) - float(x[0])))
+        x = np.array([x[0], near[1], near[2]])
+    if x.shape != (3,) or not np.isfinite(x).all():
+        raise ValueError(
+            f"--at {text!r}: wanted a point of the project ({', '.join(own)}), x=60, or x,y,z in mm, the "
+            "clamp at x = 0"
+        )
+    found = np.asarray(nearest(problem.case, x), float)
+    if (off := float(np.linalg.norm(found - x))) > ON_FINGER_MM:
+        raise ValueError(
+            f"--at {text!r} is {off:.1f} mm off the finger's surface; wanted at most {ON_FINGER_MM:g} mm: "
+            f"the nearest place is {','.join(f'{v:.4g}' for v in found)}"
+        )
+    return found
