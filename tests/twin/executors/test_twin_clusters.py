@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from twin.executors import chosen, clusters, daskcluster
+from twin.executors import clusters, daskcluster
 from twin.executors.clusters import SlurmTable, on_cluster, slurm_jobs
 from twin.executors.daskcluster import Dask
-from twin.executors.local import Processes, Serial, current, using
+from twin.executors.local import LOCAL, Processes, Serial, current, using
 from twin.executors.protocol import Task, gathered
 from twin.executors.surroundings import Surroundings, sources_of
 
@@ -37,12 +37,12 @@ def test_results_come_in_the_order_of_the_tasks_and_are_kept_as_they_end() -> No
 
 
 def test_an_executor_holds_for_its_block() -> None:
-    assert current() == chosen.LOCAL == Processes()
+    assert current() == LOCAL == Processes()
     with using(Serial()):
         assert current() == Serial()
     with pytest.raises(ZeroDivisionError), using(Serial()):
         next(Serial().ended([partial(divmod, 1, 0)]))
-    assert current() == chosen.LOCAL
+    assert current() == LOCAL
 
 
 @pytest.mark.parametrize(
