@@ -260,3 +260,11 @@ def digest(*arrays: object) -> str:
     for a in arrays:
         h.update(np.ascontiguousarray(a).tobytes() if isinstance(a, np.ndarray) else repr(a).encode())
     return h.hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class CaseKey:
+    """A case as the key of a cache: equal to all cases with its `digest`."""
+
+    case: Case = field(compare=False)
+    digest: str

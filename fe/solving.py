@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from fe.case import Case, digest
+from fe.case import Case, CaseKey, digest
 from fe.element import Array, Integers
 from fe.kernel.assembly import Kernel, State
 from fe.mesh.mirror import symmetry_support
@@ -287,7 +287,7 @@ class _Task:
 
     @staticmethod
     def of(case: Case, path: Path, variations: Sequence[Variation]) -> "_Task":
-        kernel = _kernel(_Key(case))
+        kernel = _kernel(_key(case))
         problem, pairs = Problem.of(case, kernel), [(v.plus[1], v.minus[1]) for v in variations]
         varied = [
             Differenced(Problem.of(v.plus[0], kernel), Problem.of(v.minus[0], kernel), v.step)
@@ -393,24 +393,16 @@ def _touch(loadings: Loadings, curves: tuple[Curve, ...]) -> bool:
     )
 
 
-class _Key:
+def _key(case: Case) -> CaseKey:
     """Cache key of a kernel: mesh, supports and surfaces, not materials or loads."""
-
-    def __init__(self, case: Case) -> None:
-        self.case = case
-        surface = case.surfaces[case.pressurised] if case.pressurised else ()
-        held = case.supported, case.clamped
-        mesh = case.element.name, case.nodes, case.connectivity, case.precurvature
-        tied = [case.surfaces[name] for tie in case.ties for name in (tie.slave, tie.master)]
-        self.digest = digest(*mesh, surface, *held, case.ties, case.equations, *tied, case.pressure_shares)
-
-    def __eq__(self, key: object) -> bool:
-        return isinstance(key, _Key) and key.digest == self.digest
-
-    def __hash__(self) -> int:
-        return hash(self.digest)
+    surface = case.surfaces[case.pressurised] if case.pressurised else ()
+    held = case.supported, case.clamped
+    mesh = case.element.name, case.nodes, case.connectivity, case.precurvature
+    tied = [case.surfaces[name] for tie in case.ties for name in (tie.slave, tie.master)]
+    parts = *mesh, surface, *held, case.ties, case.equations, *tied, case.pressure_shares
+    return CaseKey(case, digest(*parts))
 
 
 @lru_cache(maxsize=4)
-def _kernel(key: _Key) -> Kernel:
+def _kernel(key: CaseKey) -> Kernel:
     return Kernel(key.case)

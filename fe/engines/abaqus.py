@@ -15,7 +15,7 @@ import numpy as np
 
 from fe.case import Case
 from fe.element import Array
-from fe.engines.engine import EngineResult, program
+from fe.engines.engine import EngineResult, Program, program
 from fe.engines.writer import deck, steps_of
 
 # Runs under Abaqus's own Python, of any version: the displacements of every node as text, at every increment
@@ -42,7 +42,7 @@ COLUMNS = "share,label,u1,u2,u3"
 
 
 @dataclass(frozen=True)
-class Abaqus:
+class Abaqus(Program):
     """The engine `abaqus`, by default as in the reference study: 4 CPUs and domains, 60 % of the memory.
 
     folder: where its files stay, by default nowhere; kind: the hybrid element that takes the place of hex27.
@@ -69,20 +69,7 @@ class Abaqus:
         return next((line for line in lines if re.search(r"Abaqus\b.*(\d{4}|\d\.\d)", line)), "Abaqus")
 
     def _program(self) -> str:
-        return program(
-            self.executable, "Abaqus", "install it, name its command, or take another engine"
-        )
-
-    def solve(
-        self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0
-    ) -> EngineResult:
-        """Response of a case to a follower pressure in MPa and a gravity (3,) mm/s2. FileNotFoundError where
-        Abaqus is not installed; never raises for lack of convergence.
-
-        levels: least number of pressures with output; the weight is then applied in a step before. 0: output
-        at the end, all loads grow together.
-        """
-        return self.run(self.deck(case, pressure, gravity=gravity, levels=levels))
+        return program(self.executable, "Abaqus", "install it, name its command, or take another engine")
 
     def deck(self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0) -> str:
         """The deck of a case. ValueError for what a deck refuses."""

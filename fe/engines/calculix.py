@@ -11,12 +11,12 @@ import numpy as np
 
 from fe.case import Case
 from fe.element import Array
-from fe.engines.engine import EngineResult, program
+from fe.engines.engine import EngineResult, Program, program
 from fe.engines.writer import deck, steps_of
 
 
 @dataclass(frozen=True)
-class CalculiX:
+class CalculiX(Program):
     """The engine `ccx`; folder: where its files stay, by default nowhere; kind: the element that takes the
     place of hex27, without its H."""
 
@@ -25,16 +25,6 @@ class CalculiX:
     threads: int = 1
     kind: str = "C3D20RH"
     name: str = "CalculiX"
-
-    def solve(
-        self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0
-    ) -> EngineResult:
-        """Response of a case to a follower pressure in MPa and a gravity (3,) mm/s2; see `run`.
-
-        levels: least number of pressures with output; the weight is then applied in a step before. 0: output
-        at the end, all loads grow together. ValueError for a case that `check` refuses.
-        """
-        return self.run(self.deck(case, pressure, gravity=gravity, levels=levels))
 
     def deck(self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0) -> str:
         """The deck of a case. ValueError for what `check` or a deck refuses."""

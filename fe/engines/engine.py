@@ -74,6 +74,13 @@ class Program(Engine, Protocol):
     def deck(self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0) -> str:
         """The deck of a case; ValueError for what it cannot solve."""
 
+    def solve(
+        self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0
+    ) -> EngineResult:
+        """As `Engine.solve`, by `deck` and `run`; the weight is applied in a step before the pressure where
+        `levels` ask for output. Raises what those two raise."""
+        return self.run(self.deck(case, pressure, gravity=gravity, levels=levels))
+
     def unfit(self, case: Case) -> str:
         """Reason why it cannot solve a case of rubber, "" if it can."""
 

@@ -4,7 +4,6 @@ The displacement of the inner surface is extended through the walls as a harmoni
 the mesh itself). No parametric geometry is needed: the walls of any mesh with a named chamber can be changed.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from fe.case import Case, digest
+from fe.case import Case, CaseKey, digest
 from fe.element import Array, Element, Integers
 from fe.kernel.assembly import Geometry
 from fe.mesh.refine import free_faces
@@ -48,30 +47,16 @@ class Inside:
         return out
 
 
-@dataclass(frozen=True)
-class _Key:
-    """Cache key of an inner surface: mesh, chamber and supports."""
-
-    case: Any
-    digest: str
-
-    def __eq__(self, key: object) -> bool:
-        return isinstance(key, _Key) and key.digest == self.digest
-
-    def __hash__(self) -> int:
-        return hash(self.digest)
-
-
 def inside(case: Case) -> Inside:
     """Inner surface of a case, cached by mesh. ValueError without a pressurised surface."""
     held = [(s.nodes, s.components, case.node_sets[s.nodes]) for s in case.supports]
     surface = case.surfaces[case.pressurised] if case.pressurised else ()
     parts = [case.element.name, case.nodes, case.connectivity, surface, *(x for h in held for x in h)]
-    return _inside(_Key(case, digest(*parts)))
+    return _inside(CaseKey(case, digest(*parts)))
 
 
 @lru_cache(maxsize=4)
-def _inside(key: _Key) -> Inside:
+def _inside(key: CaseKey) -> Inside:
     return Inside(key.case)
 
 
