@@ -77,7 +77,7 @@ def finger(*, lattice: "Lattice | None" = None, **stated: Any) -> Actuator:
     that it does not have, or that cannot be meshed. lattice: how it is divided into elements.
 
     >>> print(finger(length_mm=60, pleats=4))
-    1863 nodes, Mooney-Rivlin silicone (C10, C01)
+    7455 nodes, Mooney-Rivlin silicone (C10, C01)
     """
     return built_in("finger", lattice=lattice, **stated)
 

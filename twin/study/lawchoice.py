@@ -3,7 +3,7 @@
 Every law begins at its nominal shape and the scale that fits best there, and is fitted by least squares with
 whole solves. The errors of gauge and mesh are those at its fit; those of the mesh are made once, as a finer
 mesh adds to a displacement, whatever law leads there. Laws are compared by evidence (2 ln B by Laplace's
-approximation, with even priors over the bounds) and BIC: of two that are no more than TIE apart on one of
+approximation, with even priors over the bounds) and BIC: of two that are no more than LAW_TIE apart on one of
 both scales the targets prefer neither.
 """
 
@@ -15,7 +15,6 @@ import numpy as np
 from fe.solver.limits import largest_stretch
 from fe.solver.newton import Problem
 from twin.bench.workbench import Workbench
-from twin.diagnosis.deciding import TIE
 from twin.diagnosis.evidence import occam
 from twin.effects.material import Elasticity
 from twin.judging.judged import Judged, judge
@@ -27,6 +26,8 @@ from twin.model.discretisation import Discretisation
 from twin.model.structure import in_law
 from twin.study.loadpathfit import OnPaths
 from twin.targets import Array
+
+LAW_TIE = 6.0  # 2 ln B: below it neither of two laws is preferred (Kass & Raftery 1995, doi 10.2307/2291091)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,11 +116,11 @@ def _stretch(judged: Judged) -> float:
 
 def classes(fits: Sequence[LawFit]) -> list[list[LawFit]]:
     """The laws in classes, the best first: each law joins the first class whose best is not ahead of it by
-    TIE in both evidence and BIC."""
+    LAW_TIE in both evidence and BIC."""
     out: list[list[LawFit]] = []
     for fit in sorted(fits, key=lambda f: f.evidence):
         for own in out:
-            if not min(fit.evidence - own[0].evidence, fit.bic - own[0].bic) >= TIE:
+            if not min(fit.evidence - own[0].evidence, fit.bic - own[0].bic) >= LAW_TIE:
                 own.append(fit)
                 break
         else:
