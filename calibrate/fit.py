@@ -1,4 +1,4 @@
-"""The Fit of a whitened residual with a Jacobian: bounded least squares.
+"""Bounded nonlinear least squares of a whitened residual with a Jacobian.
 
 Levenberg-Marquardt (D. Marquardt, doi:10.1137/0111030) with bounds kept exactly in every step (a small
 bounded linear problem). The Jacobian is asked for at the start and after every step that is taken: where
@@ -48,7 +48,7 @@ class _Model:
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """Where a descent stopped: theta (d,), whitened residual (n,) or None, Jacobian (n, d) at theta."""
+    """End of a descent: theta (d,), whitened residual (n,) or None, Jacobian (n, d) at theta."""
 
     theta: Array
     residual: Array | None
@@ -81,7 +81,7 @@ def least_squares(
     tolerance: float = 0.01,
     information: Jacobian | None = None,
 ) -> Fit:
-    """The Fit with the lowest chi2 = r'r within the bounds, of all starts.
+    """Fit with the lowest chi2 = r'r within the bounds, the best of all starts.
 
     residual: theta (d,) -> r (n,), whitened; None where the model cannot be solved: the step is then
     shortened. jacobian: theta (d,) -> dr/dtheta (n, d). start (d,) or (m, d): one descent each, of at most
@@ -89,7 +89,22 @@ def least_squares(
     best step is shorter than `tolerance` sd in every direction and would lower chi2 by less than 10
     tolerance^2, or by less than 1e-3 of it and, shortened too, does not. information: theta (d,) -> rows (n,
     d) whose products are the information that the covariance comes from, by default those of the Jacobian.
-    Raises ValueError for a start outside the bounds; what does not converge is a Fit with its reason.
+    Raises ValueError for a start outside the bounds; a fit that does not converge says so in its reason.
+
+    A line through three points whose sd is 0.1:
+
+    >>> import numpy as np
+    >>> x, y = np.array([0.0, 1.0, 2.0]), np.array([1.0, 3.1, 4.9])
+    >>> parameters = [Parameter("slope", -10.0, 10.0), Parameter("offset", -10.0, 10.0)]
+    >>> fit = least_squares(
+    ...     lambda t: (t[0] * x + t[1] - y) / 0.1, lambda t: np.stack([x, np.ones(3)], axis=1) / 0.1,
+    ...     parameters, start=[0.0, 0.0])
+    >>> fit.theta.round(3), fit.sd.round(3)
+    (array([1.95, 1.05]), array([0.071, 0.091]))
+    >>> fit.converged, fit.degrees_of_freedom
+    (True, 1)
+    >>> fit.correlation[0, 1].round(3)
+    np.float64(-0.775)
     """
     parameters = tuple(parameters)
     low, high = bounds(parameters)
@@ -98,13 +113,13 @@ def least_squares(
     with np.errstate(under="ignore"):
         ends = [_descend(model, theta, low, high, max_evaluations, tolerance) for theta in starts]
         best = min(ends, key=lambda end: end.chi2)
-        known = information is not None and best.residual is not None
-        rows = np.asarray(information(best.theta), float) if information and known else best.jacobian
+        solved = best.residual is not None
+        rows = np.asarray(information(best.theta), float) if information and solved else best.jacobian
         return _fit(best, parameters, seed, model, rows)
 
 
 def inside(starts: Array, parameters: tuple[Parameter, ...]) -> Array:
-    """The starts (m, d) as they are. Raises ValueError for one outside the bounds or of another length."""
+    """Starts (m, d), checked. Raises ValueError for one outside the bounds or of another length."""
     if starts.ndim != 2 or starts.shape[1] != len(parameters):
         raise ValueError(
             f"start: shape {starts.shape}, wanted {len(parameters)} values in each row, one a parameter"
@@ -131,7 +146,7 @@ def _descend(
 
 @dataclass(eq=False)
 class _Descent:
-    """Levenberg-Marquardt from one start: where it is, its residual and Jacobian, and how bold it may be."""
+    """Levenberg-Marquardt from one start: its theta, residual, Jacobian and damping."""
 
     model: _Model
     theta: Array
@@ -156,7 +171,7 @@ class _Descent:
         return bounded_step(self.jac, self.r, self.low - self.theta, self.high - self.theta, damping)
 
     def _ended(self) -> _End | None:
-        """The end, where there is nothing more to gain or no way on; None where there is."""
+        """End of the descent once it has converged or failed, else None."""
         if not np.all(np.isfinite(self.jac)):
             return self._end(False, "the derivatives have values that are not finite")
         best = self._step(DAMPING[1])
@@ -176,7 +191,7 @@ class _Descent:
         return _End(self.theta, self.r, self.jac, converged, reason)
 
     def _advance(self) -> None:
-        """Try one step; take it or shorten the next."""
+        """Try one step; accept it or shorten the next."""
         step = self._step(self.damping)
         trial = np.clip(self.theta + step.move, self.low, self.high)
         new = self.model.residual(trial)
@@ -245,36 +260,36 @@ def _fit(
 def _covariance(jac: Array, free: NDArray[np.bool_], widths: Array) -> tuple[Array, int]:
     """inv(J'J) over the free columns, 0 elsewhere, and the rank: undetermined parameters have inf and NaN."""
     covariance = np.zeros((len(free), len(free)))
-    own = np.flatnonzero(free)
+    columns = np.flatnonzero(free)
     if len(jac) == 0 or not np.all(np.isfinite(jac)):
-        covariance[np.ix_(own, own)] = np.nan
-        covariance[own, own] = np.inf
+        covariance[np.ix_(columns, columns)] = np.nan
+        covariance[columns, columns] = np.inf
         return covariance, 0
-    lengths = _lengths(jac, widths)[own]
-    _, sizes, rows = np.linalg.svd(np.linalg.qr(jac[:, own] / lengths).R)
-    known = np.zeros(len(own), bool)
-    known[: len(sizes)] = (sizes > 0) & (sizes**2 * CONDITION > np.max(sizes, initial=0.0) ** 2)
-    factor = rows[known].T / sizes[known[: len(sizes)]] / lengths[:, None]
+    lengths = _lengths(jac, widths)[columns]
+    _, sizes, rows = np.linalg.svd(np.linalg.qr(jac[:, columns] / lengths).R)
+    determined = np.zeros(len(columns), bool)
+    determined[: len(sizes)] = (sizes > 0) & (sizes**2 * CONDITION > np.max(sizes, initial=0.0) ** 2)
+    factor = rows[determined].T / sizes[determined[: len(sizes)]] / lengths[:, None]
     block = factor @ factor.T
-    lost = np.linalg.norm(rows[~known], axis=0) > 1e-6  # parameters with a share in an undetermined direction
+    lost = np.linalg.norm(rows[~determined], axis=0) > 1e-6  # parameters in undetermined directions
     block[lost] = block[:, lost] = np.nan
     block[lost, lost] = np.inf
-    covariance[np.ix_(own, own)] = block
-    return covariance, int(known.sum())
+    covariance[np.ix_(columns, columns)] = block
+    return covariance, int(determined.sum())
 
 
 def _for_bounds(end: _End, free: NDArray[np.bool_], low: Array, high: Array) -> Array:
-    """What parameters that end at a bound add to the covariance (d, d) of the free ones.
+    """Covariance (d, d) of the free parameters that parameters at a bound add.
 
-    The data allow them to lie inside as well, and the others then lie elsewhere. Each one's posterior is a
-    normal cut off at its bound, a sds from its top; of it E[(x - bound)^2] = sd^2 (1 + a^2 - a h(a)), with
-    the hazard h(a) = phi(a) / (1 - Phi(a)); at most a third of its range's square.
+    The data allow such a parameter to lie inside its bounds, and the free ones follow it. Its posterior is a
+    normal distribution truncated at the bound, a sds from its mode, with E[(x - bound)^2] = sd^2 (1 + a^2 -
+    a h(a)) and the hazard h(a) = phi(a) / (1 - Phi(a)); at most a third of its squared range.
     """
     out = np.zeros((len(free), len(free)))
-    own = np.flatnonzero(free)
-    if end.residual is None or not len(own) or not np.all(np.isfinite(end.jacobian)):
+    inside = np.flatnonzero(free)
+    if end.residual is None or not len(inside) or not np.all(np.isfinite(end.jacobian)):
         return out
-    fitted = end.jacobian[:, own]
+    fitted = end.jacobian[:, inside]
     for k in np.flatnonzero(~free):
         column = end.jacobian[:, k]
         follow = np.linalg.lstsq(fitted, column, rcond=1e-6)[0]
@@ -285,7 +300,7 @@ def _for_bounds(end: _End, free: NDArray[np.bool_], low: Array, high: Array) -> 
         else:
             a = abs(float(apart @ end.residual)) / size
             square = min(most, _spread(a) / size**2)
-        out[np.ix_(own, own)] += square * np.outer(follow, follow)
+        out[np.ix_(inside, inside)] += square * np.outer(follow, follow)
     return out
 
 

@@ -1,5 +1,4 @@
-"""The reference study's genetic algorithm: a population within bounds that is asked for candidates and told
-their costs.
+"""Genetic algorithm of the reference study: a population within bounds, by ask and tell.
 
 Population 30, elitism 2, tournament selection, arithmetic crossover (0.8 a mating), uniform mutation
 (0.2 a gene): 30 + 19 * 28 = 562 evaluations in 20 generations, the best never gets worse. Built on pymoo
@@ -28,11 +27,14 @@ TOURNAMENT = 3
 ELITE = 2  # the best that survive unchanged
 
 
-class _Arithmetic(Crossover):
-    """Two children on the line between two parents: a p + (1 - a) q and (1 - a) p + a q, a uniform."""
+class ArithmeticCrossover(Crossover):
+    """Whole arithmetic crossover: the children a p + (1 - a) q and (1 - a) p + a q of parents p and q.
 
-    def __init__(self, prob: float) -> None:
-        super().__init__(2, 2, prob=prob)
+    a is uniform between 0 and 1, one a mating; prob: probability of a mating. Raises ValueError for none.
+    """
+
+    def __init__(self, prob: float = 0.8) -> None:
+        super().__init__(2, 2, prob=_probability("crossover", prob))
 
     def _do(self, problem: Problem, X: Array, *_: Any, random_state: Any = None, **__: Any) -> Array:
         a = random_state.random((X.shape[1], 1))  # one a mating
@@ -40,20 +42,29 @@ class _Arithmetic(Crossover):
         return np.clip(children, problem.xl, problem.xu)  # rounding may leave a bound by one bit
 
 
-class _Uniform(Mutation):
-    """Each gene, with the given probability, drawn anew between its bounds."""
+class UniformMutation(Mutation):
+    """Uniform mutation: each gene, with the probability prob_gene, is drawn anew between its bounds.
 
-    def __init__(self, prob_gene: float) -> None:
+    Raises ValueError for no probability.
+    """
+
+    def __init__(self, prob_gene: float = 0.2) -> None:
         super().__init__(prob=1.0)
-        self.prob_gene = prob_gene
+        self.prob_gene = _probability("mutation", prob_gene)
 
     def _do(self, problem: Problem, X: Array, *_: Any, random_state: Any = None, **__: Any) -> Array:
         drawn = problem.xl + (problem.xu - problem.xl) * random_state.random(X.shape)
         return np.where(random_state.random(X.shape) < self.prob_gene, drawn, X)
 
 
+def _probability(name: str, p: float) -> float:
+    if not 0 <= p <= 1:
+        raise ValueError(f"population: {name} {p}: wanted a probability, 0 .. 1")
+    return p
+
+
 class _Elitist(GA):
-    """pymoo's GA with the textbook replacement: the elite and all offspring, nobody else, survive."""
+    """pymoo's GA with generational replacement: the elite and all offspring survive."""
 
     def __init__(self, elitism: int, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -76,8 +87,18 @@ class Population:
     """A population that gives candidates by `ask` and takes their costs by `tell`, once each a generation.
 
     parameters: names and bounds. size: individuals. seed: all randomness comes from it, whatever the
-    state of numpy's global generator. elitism: the best that survive unchanged. crossover: probability a
-    mating. mutation: probability a gene. Raises ValueError for settings that make no generation.
+    state of numpy's global generator. elitism: number of the best that survive unchanged. crossover,
+    mutation: any operators of pymoo, such as `pymoo.operators.crossover.sbx.SBX()`; by default those of the
+    reference study, `ArithmeticCrossover(0.8)` and `UniformMutation(0.2)`. Raises ValueError for settings
+    that make no generation.
+
+    >>> population = Population([Parameter("C10", 0.0, 1.0), Parameter("C01", 0.0, 1.0)], seed=1)
+    >>> for generation in range(20):
+    ...     x = population.ask()
+    ...     population.tell(x, abs(x.sum(axis=1) - 0.3))
+    >>> theta, cost = population.best
+    >>> population.evaluations, bool(cost < 0.01)
+    (562, True)
     """
 
     def __init__(
@@ -87,18 +108,14 @@ class Population:
         size: int = 30,
         seed: int,
         elitism: int = ELITE,
-        crossover: float = 0.8,
-        mutation: float = 0.2,
+        crossover: Crossover | None = None,
+        mutation: Mutation | None = None,
     ) -> None:
         low, high = bounds(tuple(parameters))
         if not (size >= TOURNAMENT and 1 <= elitism < size):
             raise ValueError(
                 f"population: size {size} and elitism {elitism}: wanted size >= {TOURNAMENT} and "
                 "1 <= elitism < size"
-            )
-        if not (0 <= crossover <= 1 and 0 <= mutation <= 1):
-            raise ValueError(
-                f"population: crossover {crossover}, mutation {mutation}: wanted probabilities, 0 .. 1"
             )
         self.generation = 0
         self.evaluations = 0
@@ -110,16 +127,18 @@ class Population:
             pop_size=size,
             n_offsprings=size - elitism,
             selection=TournamentSelection(func_comp=_cheapest, pressure=TOURNAMENT),
-            crossover=_Arithmetic(crossover),
-            mutation=_Uniform(mutation),
+            crossover=crossover or ArithmeticCrossover(),
+            mutation=mutation or UniformMutation(),
             eliminate_duplicates=False,
             output=None,
         )
         self._algorithm.setup(self._problem, seed=seed, termination=NoTermination())
 
     def ask(self) -> Array:
-        """Candidates (m, d) of the next generation: all of the first, size - elitism later. Asking again
-        before `tell` gives the same."""
+        """Candidates (m, d) of the next generation: all of the first, size - elitism later.
+
+        Asking again before `tell` gives the same candidates.
+        """
         if self._asked is None:
             self._asked = self._algorithm.ask()
         return np.array(self._asked.get("X"), float)
@@ -144,15 +163,15 @@ class Population:
         self._asked = None
         self.generation += 1
         self.evaluations += len(cost)
-        first = int(np.argmin(cost))
-        if self.best is None or cost[first] < self.best[1]:
-            self.best = np.array(x[first], float), float(cost[first])
+        k = int(np.argmin(cost))
+        if self.best is None or cost[k] < self.best[1]:
+            self.best = np.array(x[k], float), float(cost[k])
 
     @classmethod
     def replay(
         cls, parameters: Sequence[Parameter], records: Iterable[tuple[Array, Array]], **settings: Any
     ) -> "Population":
-        """The population that a run with these records, a (x, cost) a generation, had reached.
+        """Population at the end of a recorded run, with records (x, cost) of every generation.
 
         No state is read from a file: the recorded costs go through `ask` and `tell` again, so what follows
         is bit-equal to the run that was never interrupted. settings: those of the run. Raises ValueError

@@ -1,4 +1,4 @@
-"""A log density -> a Markov chain of its parameters, with the checks that say whether it may be trusted.
+"""Markov chain Monte Carlo of a log density, with checks of convergence.
 
 The walkers are emcee's (D. Foreman-Mackey et al. 2013, doi:10.1086/670067), with moves of differential
 evolution (C. J. F. ter Braak 2006, doi:10.1007/s11222-006-8769-1) and stretch moves (J. Goodman, J. Weare
@@ -8,7 +8,7 @@ doi:10.1214/20-BA1221).
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -28,9 +28,11 @@ HALF, END = (16.0, 84.0), (2.5, 97.5)  # percentiles of the 68 % and of the 95 %
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Positions (n, w, d) of w walkers after each of n steps, their log densities (n, w), how many moves (w,)
-    were accepted, and the state of the random numbers: key (624,) of a Mersenne twister, and (3,) its place,
-    whether it keeps a normal number, and that."""
+    """Chain of w walkers over n steps: positions (n, w, d), log densities (n, w), accepted moves (w,).
+
+    key (624,), place (3,): state of the Mersenne twister (its position, flag and value of a stored normal
+    number), from which the chain goes on bit by bit.
+    """
 
     positions: Array
     log_density: Array
@@ -45,22 +47,22 @@ class Chain:
 
     @property
     def kept(self) -> Array:
-        """The positions (k, w, d) after the beginning."""
+        """Positions (k, w, d) after burn-in."""
         return self.positions[int(BURN * self.steps) :]
 
     @property
     def samples(self) -> Array:
-        """The positions (k w, d) after the beginning, walker by walker within a step."""
+        """Positions (k w, d) after burn-in, walker by walker within a step."""
         return self.kept.reshape(-1, self.positions.shape[2])
 
     @property
     def log_densities(self) -> Array:
-        """The log densities (k w,) of `samples`."""
+        """Log densities (k w,) of `samples`."""
         return self.log_density[int(BURN * self.steps) :].ravel()
 
     @property
     def acceptance(self) -> float:
-        """The share of all moves that were accepted."""
+        """Share of accepted moves."""
         return float(self.accepted.mean() / self.steps)
 
     @cached_property
@@ -77,8 +79,7 @@ class Chain:
 
     @property
     def rhat(self) -> Array:
-        """Split R-hat (d,): how much wider all halves of walkers together are than each; inf where no walker
-        moves."""
+        """Split R-hat (d,): spread of all half chains over the spread within each; inf without moves."""
         half = len(self.kept) // 2
         halves = np.concatenate([self.kept[:half], self.kept[half : 2 * half]], axis=1)  # (n, 2 w, d)
         within, between = halves.var(axis=0, ddof=1).mean(axis=0), halves.mean(axis=0).var(axis=0, ddof=1)
@@ -89,7 +90,7 @@ class Chain:
 
     @property
     def doubt(self) -> str:
-        """Why the chain may not be trusted, "" where it may."""
+        """Reason against trusting the chain, "" where it has converged."""
         if self.acceptance < ACCEPTED:
             return f"{self.acceptance:.1%} of its moves are accepted, wanted {ACCEPTED:.0%}"
         times = len(self.kept) / self.tau.max()
@@ -101,23 +102,20 @@ class Chain:
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """All of it as arrays by name."""
-        return {
-            "positions": self.positions, "log_density": self.log_density, "accepted": self.accepted,
-            "key": self.key, "place": self.place,
-        }  # fmt: skip
+        """Arrays by the name of their field."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @staticmethod
     def of(arrays: Mapping[str, Any]) -> "Chain":
-        """The chain of its arrays."""
-        return Chain(*(arrays[name] for name in ("positions", "log_density", "accepted", "key", "place")))
+        """Chain of its arrays by name."""
+        return Chain(**{field.name: arrays[field.name] for field in fields(Chain)})
 
-    def and_then(self, other: "Chain") -> "Chain":
-        """The chain with another that goes on where it ends."""
+    def and_then(self, more: "Chain") -> "Chain":
+        """This chain continued by another that begins at its end."""
         return Chain(
-            np.concatenate([self.positions, other.positions]),
-            np.concatenate([self.log_density, other.log_density]),
-            self.accepted + other.accepted, other.key, other.place,
+            np.concatenate([self.positions, more.positions]),
+            np.concatenate([self.log_density, more.log_density]),
+            self.accepted + more.accepted, more.key, more.place,
         )  # fmt: skip
 
 
@@ -128,13 +126,23 @@ def sampled(
     seed: int,
     chain: Chain | None = None,
     most: int = MOST,
+    moves: Any = None,
     step: Callable[[Chain], None] = lambda chain: None,
 ) -> Chain:
-    """The chain of a log density, as long as it must be to be trusted, or of `most` steps.
+    """Chain of a log density, continued until it has converged or has `most` steps.
 
-    log_density: positions (m, d) -> (m,), -inf where there is none. start (w, d): where the walkers begin,
-    all of a finite density. chain: to be gone on with; the same bits come out as without a stop. step: called
-    with the chain after each BLOCK of steps. Raises ValueError for a start that is none, and without emcee.
+    log_density: positions (m, d) -> (m,), -inf outside the support. start (w, d): first positions of the
+    walkers, all of finite density. chain: chain to continue, bit by bit as without a stop. moves: moves of
+    emcee, or pairs (move, weight); by default 0.8 DEMove and 0.2 StretchMove. step: called with the chain
+    after each BLOCK of steps. Raises ValueError for an impossible start, and without emcee.
+
+    A standard normal distribution in two dimensions:
+
+    >>> import numpy as np
+    >>> start = np.random.default_rng(1).normal(size=(16, 2))
+    >>> chain = sampled(lambda x: -0.5 * (x**2).sum(axis=1), start, seed=1, most=500)
+    >>> np.abs(chain.samples.mean(axis=0)).max() < 0.1, np.abs(chain.samples.std(axis=0) - 1).max() < 0.1
+    (np.True_, np.True_)
     """
     walkers, size = start.shape
     if walkers < 2 * size or walkers % 2:
@@ -143,24 +151,24 @@ def sampled(
         )
     emcee = _emcee()
     # not DESnookerMove: up to emcee 3.1.6 it samples another density (https://github.com/dfm/emcee/pull/531)
-    moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.StretchMove(), 0.2)]
+    moves = moves or [(emcee.moves.DEMove(), 0.8), (emcee.moves.StretchMove(), 0.2)]
     with np.errstate(under="ignore"):
         able = chain is not None or bool(np.all(np.isfinite(log_density(start))))
     if not able:
         raise ValueError("start: the density of some walkers is 0; wanted all of them where it is not")
     while chain is None or (chain.steps < most and chain.doubt):
-        own = emcee.EnsembleSampler(walkers, size, log_density, moves=moves, vectorize=True)
-        at: Any = start
+        sampler = emcee.EnsembleSampler(walkers, size, log_density, moves=moves, vectorize=True)
+        state: Any = start
         if chain is None:
-            own.random_state = np.random.RandomState(seed).get_state()
+            sampler.random_state = np.random.RandomState(seed).get_state()
         else:
-            place, kept, normal = chain.place
-            state = ("MT19937", chain.key, int(place), int(kept), float(normal))
-            at = emcee.State(chain.positions[-1], log_prob=chain.log_density[-1], random_state=state)
+            place, stored, normal = chain.place
+            twister = ("MT19937", chain.key, int(place), int(stored), float(normal))
+            state = emcee.State(chain.positions[-1], log_prob=chain.log_density[-1], random_state=twister)
         with np.errstate(under="ignore"):
-            end = own.run_mcmc(at, BLOCK, skip_initial_state_check=chain is not None)
+            end = sampler.run_mcmc(state, BLOCK, skip_initial_state_check=chain is not None)
         more = Chain(
-            own.get_chain(), own.get_log_prob(), np.asarray(own.backend.accepted, float),
+            sampler.get_chain(), sampler.get_log_prob(), np.asarray(sampler.backend.accepted, float),
             np.asarray(end.random_state[1]), np.array(end.random_state[2:], float),
         )  # fmt: skip
         chain = more if chain is None else chain.and_then(more)
@@ -169,17 +177,20 @@ def sampled(
 
 
 def spread(chain: Chain, count: int) -> Array:
-    """Positions (count, d) of a chain that lie far apart within the densest 95 % of it: the farthest from the
-    mean first, then always the farthest from those before, in sds of the chain."""
+    """Farthest-point sample (count, d) of the densest 95 % of a chain.
+
+    The position farthest from the mean comes first, then always the one farthest from all before it, in sds
+    of the chain.
+    """
     samples = chain.samples
     dense = samples[chain.log_densities >= np.percentile(chain.log_densities, 5.0)]
-    some = dense[:: max(len(dense) // 4000, 1)]
+    candidates = dense[:: max(len(dense) // 4000, 1)]
     root = np.linalg.cholesky(np.atleast_2d(np.cov(samples.T)))
-    unit = np.linalg.solve(root, (some - samples.mean(axis=0)).T).T
+    unit = np.linalg.solve(root, (candidates - samples.mean(axis=0)).T).T
     near, out = np.linalg.norm(unit, axis=1), []
     for _ in range(count):
         k = int(np.argmax(near))
-        out.append(some[k])
+        out.append(candidates[k])
         near = np.minimum(near if len(out) > 1 else np.inf, np.linalg.norm(unit - unit[k], axis=1))
     return np.array(out)
 

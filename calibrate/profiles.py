@@ -1,15 +1,14 @@
-"""Likelihood profiles: how far a parameter, or a sum or a share of two, may go before the fit is worse than
-chance allows.
+"""Profile likelihood of a parameter, or of a sum or a share of two: its deviance, and intervals from it.
 
-The deviance of a value is the lowest chi2 with it held and all else fitted anew, less that of the best fit
-(A. Raue et al. 2009, doi:10.1093/bioinformatics/btp358). An interval ends where it reaches a quantile of chi2
-with one degree of freedom. A covariance knows the slope at the best fit alone; a profile knows bounds and
-curved valleys too. Derivatives at the best fit say where an end should lie; there the model is solved and all
-else is fitted. The root of the deviance, which grows by 1 a standard deviation, says where next.
+The deviance of a value is the lowest chi2 with the value held and all other parameters refitted, minus the
+chi2 of the best fit (A. Raue et al. 2009, doi:10.1093/bioinformatics/btp358). An interval ends where the
+deviance reaches a quantile of chi2 with one degree of freedom. A covariance uses the slope at the best fit
+alone; a profile includes bounds and curved valleys. The first guess of an end comes from the derivatives at
+the best fit. Next guesses come from the root of the deviance, which grows by 1 per standard deviation.
 
-Where errors depend on the parameters, a value is tested under those that it would have itself, where the
-derivatives see the others: both chi2 are whitened by them, that of the best fit too. Errors held as at the
-best fit make an interval too narrow where they hide a parameter there and not beside it.
+Where the errors depend on the parameters, each value is tested under its own errors, linearised: they whiten
+its chi2 and the chi2 of the best fit alike. Errors fixed at the best fit would make an interval too narrow
+where they hide a parameter at the best fit but not beside it.
 """
 
 import math
@@ -22,18 +21,20 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from calibrate.fit import AT_BOUND, DAMPING, Jacobian, Residual, bounded_step, inside, least_squares
-from calibrate.parameters import Array, Parameter, bounds
+from calibrate.parameters import Array, Fit, Parameter, bounds
 
 LEVELS = (1.0, 3.84)  # deviance at the ends of the 68 % and of the 95 % interval
-MISSED = 0.02  # of a deviance, by which a found end may miss its level: 0.01 and 0.005 sd
-TOLERANCE = 0.03  # sd, to which the others are fitted
-EVALUATIONS = 25  # of one fit of the others
-REACH = 2.5  # typical steps of a value that a search goes at first; twice as far every further time
-MARGIN = 0.05  # of what is left between two ends that a search keeps from both
-CLOSE = 0.1  # typical steps: as near as this a limit of what can be solved is looked for
-MOST = 30  # values that a search tries
+MISSED = 0.02  # tolerance of the deviance at an end: 0.01 and 0.005 sd
+TOLERANCE = 0.03  # sd, tolerance of a refit
+EVALUATIONS = 25  # at most, of a refit
+REACH = 2.5  # first step of a search in typical steps of the value; doubled every further time
+MARGIN = 0.05  # of a bracket: distance of a new value from both ends
+CLOSE = 0.1  # typical steps: accuracy of a limit of solvability
+MOST = 30  # values of a search
 
 Pair = tuple[Array, Array]
+Refit = Callable[..., Fit]  # residual, jacobian, parameters, start=, max_evaluations=, tolerance= -> Fit
+Guess = Callable[[Sequence["ProfilePoint"], float], Array]  # solved points and a value -> theta (d,)
 Around = Callable[[Array], tuple[Residual, Jacobian]]
 Limit = Literal["", "bound", "unsolvable", "search"]
 IDENTIFIED, ONE_SIDED, NOT_IDENTIFIED = "identified", "one-sided", "not identified"
@@ -41,8 +42,7 @@ IDENTIFIED, ONE_SIDED, NOT_IDENTIFIED = "identified", "one-sided", "not identifi
 
 @dataclass(frozen=True, eq=False)
 class Slice:
-    """What is left to vary where a value is held: theta = point (d,) + directions (d, k) y, with y (k,) from
-    low (k,) to high (k,)."""
+    """Affine subspace of a held value: theta = point (d,) + directions (d, k) y, low <= y (k,) <= high."""
 
     point: Array
     directions: Array
@@ -54,19 +54,24 @@ class Slice:
         return np.asarray(self.point + self.directions @ y)
 
     def nearest(self, theta: Array) -> Array:
-        """The y (k,) within its bounds that comes near theta (d,)."""
+        """Projection y (k,) of theta (d,), clipped to its bounds."""
         size = (self.directions**2).sum(axis=0)
         return np.clip(self.directions.T @ (theta - self.point) / size, self.low, self.high)
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """What a profile holds: a parameter, or the sum a + b or the share b / (a + b) of two.
+    """Quantity of a profile: a parameter, or the sum a + b or the share b / (a + b) of two.
 
-    low, high: its ends within the bounds of the parameters. typical: a change of it that is felt. rows: which
-    parameters it is made of. value: theta (d,) -> its value. line: value -> where these parameters may lie
-    then, a point (1 or 2,) and a direction (1 or 2,) from it, 0 for one alone. slope: theta (d,) -> the
-    derivative (d,) of its value.
+    low, high: its range within the bounds of the parameters. typical: a noticeable change of it. rows:
+    indices of its parameters. value: theta (d,) -> its value. line: value -> the line of its parameters, a
+    point (1 or 2,) and a direction (1 or 2,), 0 for one alone. slope: theta (d,) -> its derivative (d,).
+
+    >>> import numpy as np
+    >>> both = [Parameter("C10", 0.0, 0.5, "MPa"), Parameter("C01", 0.0, 0.5, "MPa")]
+    >>> share = Held.share(both, "C10", "C01", least=0.0)
+    >>> share.value(np.array([0.2, 0.1])).__round__(3), share.low, share.high
+    (0.333, 0.0, 1.0)
     """
 
     name: str
@@ -82,7 +87,7 @@ class Held:
 
     @staticmethod
     def parameter(parameters: Sequence[Parameter], name: str) -> "Held":
-        """One parameter. Raises ValueError for a name that none has."""
+        """A single parameter. Raises ValueError for an unknown name."""
         names = [p.name for p in parameters]
         if name not in names:
             raise ValueError(f"profile of {name!r}: not a parameter, wanted one of {', '.join(names)}")
@@ -107,8 +112,10 @@ class Held:
 
     @staticmethod
     def share(parameters: Sequence[Parameter], a: str, b: str, *, least: float) -> "Held":
-        """The share b / (a + b) of two parameters, a above 0; least: the lowest that it may have where the
-        bounds leave the sum no lowest value above 0."""
+        """The share b / (a + b) of two parameters, a above 0.
+
+        least: its lower end where the bounds allow sums down to 0.
+        """
         i, j, p, q = _two(parameters, a, b)
         low = q.low / (p.high + q.low) if q.low >= 0 else least
         if q.low < 0 < p.low + q.low:
@@ -122,38 +129,38 @@ class Held:
         )  # fmt: skip
 
     def slice(self, value: float) -> Slice:
-        """What is left to vary at a value."""
+        """Subspace of the parameters at a value."""
         low, high = bounds(self.parameters)
-        own, along = self.line(value)
-        others = np.setdiff1d(np.arange(len(low)), self.rows)
+        base, along = self.line(value)
+        free = np.setdiff1d(np.arange(len(low)), self.rows)
         point = np.zeros(len(low))
-        point[list(self.rows)] = own
-        directions = [np.eye(len(low))[k] for k in others]
-        ends = [(low[k], high[k]) for k in others]
+        point[list(self.rows)] = base
+        directions = [np.eye(len(low))[k] for k in free]
+        ends = [(low[k], high[k]) for k in free]
         if along.any():
             moving = along != 0
-            to = np.array([low, high])[:, list(self.rows)][:, moving] - own[moving]
+            to = np.array([low, high])[:, list(self.rows)][:, moving] - base[moving]
             to = np.sort(to / along[moving], axis=0)
-            first, last = float(to[0].max()), float(to[1].min())
-            way = np.zeros(len(low))
-            way[list(self.rows)] = along
-            if last - first > AT_BOUND * float(np.ptp(to)):
-                directions.append(way)
-                ends.append((first, last))
+            start, stop = float(to[0].max()), float(to[1].min())
+            direction = np.zeros(len(low))
+            direction[list(self.rows)] = along
+            if stop - start > AT_BOUND * float(np.ptp(to)):
+                directions.append(direction)
+                ends.append((start, stop))
             else:  # in a corner of the bounds
-                point += way * (first + last) / 2
-        left = np.reshape(ends, (-1, 2)).T
-        return Slice(point, np.reshape(directions, (-1, len(low))).T, left[0], left[1])
+                point += direction * (start + stop) / 2
+        y_low, y_high = np.reshape(ends, (-1, 2)).T
+        return Slice(point, np.reshape(directions, (-1, len(low))).T, y_low, y_high)
 
 
 def _two(parameters: Sequence[Parameter], a: str, b: str) -> tuple[int, int, Parameter, Parameter]:
-    first, second = (Held.parameter(parameters, name).rows[0] for name in (a, b))
-    return first, second, parameters[first], parameters[second]
+    i, j = (Held.parameter(parameters, name).rows[0] for name in (a, b))
+    return i, j, parameters[i], parameters[j]
 
 
 @dataclass(frozen=True, eq=False)
 class ProfilePoint:
-    """A value that was solved: its deviance, with all else, theta (d,), fitted anew."""
+    """Point of a profile: a value, its deviance, and the refitted theta (d,)."""
 
     value: float
     deviance: float
@@ -162,8 +169,11 @@ class ProfilePoint:
 
 @dataclass(frozen=True)
 class End:
-    """Where the deviance reaches a level. limit: "" where it does; else what ends the search at this value: a
-    bound of the parameters, that nothing beyond can be solved, or that the search has not settled."""
+    """End of an interval: the value at which the deviance reaches a level.
+
+    limit: "" where it does; otherwise the obstacle at this value: a bound of the parameters, an unsolvable
+    model beyond it, or a search that has not settled.
+    """
 
     level: float
     value: float
@@ -172,8 +182,10 @@ class End:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The profile of one value: the best, the points that were solved, by value, the ends of its intervals,
-    (lower, upper) for each of LEVELS; evaluations: how many solves it took."""
+    """Profile of a quantity: best value, solved points by value, and interval ends (lower, upper) per level.
+
+    evaluations: number of solves.
+    """
 
     name: str
     unit: str
@@ -184,13 +196,13 @@ class Profile:
 
     @property
     def known(self) -> str:
-        """Whether the data hold it on both sides, on one, or on none, at the last of LEVELS."""
-        found = sum(not end.limit for end in self.ends[-1])
-        return (NOT_IDENTIFIED, ONE_SIDED, IDENTIFIED)[found]
+        """IDENTIFIED, ONE_SIDED or NOT_IDENTIFIED, by the number of ends at the last of LEVELS."""
+        count = sum(not end.limit for end in self.ends[-1])
+        return (NOT_IDENTIFIED, ONE_SIDED, IDENTIFIED)[count]
 
     @property
     def least(self) -> float:
-        """The lowest deviance: below 0 where a better fit than the best was found."""
+        """Lowest deviance; below 0 where a refit was better than the best fit."""
         return min(point.deviance for point in self.points)
 
 
@@ -199,34 +211,50 @@ def profile_likelihood(
     *,
     held: Held,
     theta: ArrayLike,
+    refit: Refit = least_squares,
+    guess: Guess | None = None,
     step: Callable[[], None] = lambda: None,
 ) -> Profile:
-    """The profile of what is held, with both ends at each of LEVELS.
+    """Profile likelihood of the quantity held, with both ends of the interval at each of LEVELS.
 
     around: theta (d,) -> residual and Jacobian as in `least_squares`, whitened by the errors of theta. theta
-    (d,): the best fit, to which deviances are relative. step: called after each of the 2 x 2 ends. Raises
-    ValueError where the model cannot be solved at theta.
+    (d,): the best fit, to which deviances are relative. refit: fits the other parameters at a value, called
+    as `least_squares`. guess: start of a refit, from the solved points (the best first) and the value; by
+    default `secant`. step: called after each of the 2 x 2 ends. Raises ValueError where the model cannot be
+    solved at theta.
+
+    The slope of a line through three points, each with an sd of 0.1; its sd is 0.1 / sqrt(sum x^2) = 0.0447:
+
+    >>> import numpy as np
+    >>> x, y = np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 2.0])
+    >>> slope = Parameter("slope", 0.0, 2.0, typical=0.1)
+    >>> around = lambda theta: (lambda t: (t[0] * x - y) / 0.1, lambda t: x[:, None] / 0.1)
+    >>> profile = profile_likelihood(around, held=Held.parameter([slope], "slope"), theta=[1.0])
+    >>> [round(end.value, 3) for end in profile.ends[0]]
+    [0.955, 1.045]
+    >>> profile.known
+    'identified'
     """
     start = inside(np.atleast_2d(np.asarray(theta, float)), held.parameters)[0]
-    task = _Task(around, held, start)
+    task = _Task(around, held, start, refit, guess or secant)
     with np.errstate(under="ignore"):
         best = task.begin()
         sides = []
         for side in (-1, 1):
-            known, ends = [best], []
+            points, ends = [best], []
             for level in LEVELS:
-                ends.append(task.end(known, side, level))
+                ends.append(task.end(points, side, level))
                 step()
             sides.append(ends)
     low, high = sides
-    points = tuple(sorted(task.points, key=lambda point: point.value))
+    solved = tuple(sorted(task.points, key=lambda point: point.value))
     return Profile(
-        held.name, held.unit, best.value, points, tuple(zip(low, high, strict=True)), len(task.seen)
+        held.name, held.unit, best.value, solved, tuple(zip(low, high, strict=True)), len(task.seen)
     )
 
 
 class _Solves:
-    """Residual and Jacobian, each theta once; seen: every theta of a profile."""
+    """Residual and Jacobian, cached by theta; seen: all theta of a profile."""
 
     def __init__(self, residual: Residual, jacobian: Jacobian, seen: set[bytes]) -> None:
         self._residual, self._jacobian, self._seen = residual, jacobian, seen
@@ -250,17 +278,19 @@ class _Solves:
 
 @dataclass(eq=False)
 class _Task:
-    """One profile: what it asks for, the theta that were solved, and the points that it has."""
+    """Search for the ends of a profile: its settings, the theta solved (seen), and the points."""
 
     around: Around
     held: Held
     best: Array
+    refit: Refit
+    guess: Guess
     seen: set[bytes] = field(default_factory=set)
     points: list[ProfilePoint] = field(default_factory=list)
     _slope: Pair = field(init=False)  # residual and derivatives at the best fit
 
     def begin(self) -> ProfilePoint:
-        """The best fit."""
+        """Point of the best fit."""
         solves = self._solves(self.best)
         rows = _rows(solves, self.best)
         if rows is None:
@@ -268,13 +298,12 @@ class _Task:
         self._slope = rows
         return self._point(self.held.value(self.best), 0.0, self.best)
 
-    def end(self, known: list[ProfilePoint], side: int, level: float) -> End:
-        """Where the deviance reaches a level on one side. known: the points there, the best first, to which
-        it adds."""
+    def end(self, points: list[ProfilePoint], side: int, level: float) -> End:
+        """End of an interval on one side. points: of that side, the best fit first; new ones are appended."""
         held = self.held
-        near = max((x for x in known if x.deviance < level), key=lambda x: side * x.value)
-        outside = min((side * x.value for x in known if x.deviance >= level), default=math.nan) * side
-        wall = False  # whether nothing can be solved outside
+        near = max((x for x in points if x.deviance < level), key=lambda x: side * x.value)
+        outside = min((side * x.value for x in points if x.deviance >= level), default=math.nan) * side
+        wall = False  # outside cannot be solved
         bound = held.high if side > 0 else held.low
         reach = REACH * held.typical
         for _ in range(MOST):
@@ -286,70 +315,70 @@ class _Task:
                 value = (near.value + outside) / 2
             else:
                 far = side * min(side * (near.value + side * reach), side * bound)
-                value = self._next(known, near.value, far, outside, level)
-            at = self._solved(value, known)
-            if at is None:
+                value = self._next(points, near.value, far, outside, level)
+            point = self._solved(value, points)
+            if point is None:
                 outside, wall = value, True
                 continue
-            known.append(at)
-            if abs(at.deviance - level) <= MISSED:
-                return End(level, at.value)
-            if at.deviance < level:
-                near, reach = at, 2 * reach
+            points.append(point)
+            if abs(point.deviance - level) <= MISSED:
+                return End(level, point.value)
+            if point.deviance < level:
+                near, reach = point, 2 * reach
             else:
                 outside, wall = value, False
         return End(level, near.value, "search")
 
     def _next(
-        self, known: Sequence[ProfilePoint], near: float, far: float, outside: float, level: float
+        self, points: Sequence[ProfilePoint], near: float, far: float, outside: float, level: float
     ) -> float:
-        """The value at which the level is expected, between one before it and one beyond it."""
+        """Expected value of the level, between a value before it and one beyond it."""
         beyond = far if math.isnan(outside) else outside
-        value = self._by_slope(level, near, beyond) if len(known) == 1 else _by_roots(known, level, beyond)
-        first, last = sorted((near, beyond))
-        margin = 0.0 if math.isnan(outside) else MARGIN * (last - first)
-        return float(np.clip(value, first + margin, last - margin))
+        value = self._by_slope(level, near, beyond) if len(points) == 1 else _by_roots(points, level, beyond)
+        low, high = sorted((near, beyond))
+        margin = 0.0 if math.isnan(outside) else MARGIN * (high - low)
+        return float(np.clip(value, low + margin, high - margin))
 
     def _by_slope(self, level: float, near: float, far: float) -> float:
-        """Where the derivatives at the best fit see the level."""
+        """Value at which the linearised deviance reaches the level."""
 
-        def over(value: float) -> float:
-            return self._foretold(self.held.slice(value))[0] - level
+        def excess(value: float) -> float:
+            return self._linear(self.held.slice(value))[0] - level
 
-        return far if over(far) <= 0 else float(brentq(over, near, far, xtol=1e-9 * abs(far - near)))
+        return far if excess(far) <= 0 else float(brentq(excess, near, far, xtol=1e-9 * abs(far - near)))
 
-    def _foretold(self, slice_: Slice) -> tuple[float, Array]:
-        """The deviance of a slice, as the derivatives at the best fit say, and where (d,) it lies."""
+    def _linear(self, slice_: Slice) -> tuple[float, Array]:
+        """Deviance and best theta (d,) of a slice, linearised at the best fit."""
         (r, jac), y = self._slope, slice_.nearest(self.best)
-        left = r + jac @ (slice_.theta(y) - self.best)
-        deviance = float(left @ left - r @ r)
+        residual = r + jac @ (slice_.theta(y) - self.best)
+        deviance = float(residual @ residual - r @ r)
         if not len(y):
             return deviance, slice_.theta(y)
-        step = bounded_step(jac @ slice_.directions, left, slice_.low - y, slice_.high - y, DAMPING[1])
+        step = bounded_step(jac @ slice_.directions, residual, slice_.low - y, slice_.high - y, DAMPING[1])
         return deviance - step.gain, slice_.theta(y + step.move)
 
-    def _solved(self, value: float, known: Sequence[ProfilePoint]) -> ProfilePoint | None:
-        """The others fitted at a value, under its own errors; None where nothing can be solved."""
+    def _solved(self, value: float, points: Sequence[ProfilePoint]) -> ProfilePoint | None:
+        """Refit of the other parameters at a value, under its own errors; None without a solution."""
         slice_ = self.held.slice(value)
-        foretold = self._clipped(self._foretold(slice_)[1])
-        solves = self._solves(foretold)  # and not where the fit ends: the deviance would not be smooth
-        y = slice_.nearest(foretold if len(known) == 1 else _on_the_way(known, value))
+        linear = self._clipped(self._linear(slice_)[1])
+        solves = self._solves(linear)  # errors at the refit itself would make the deviance rough
+        y = slice_.nearest(linear if len(points) == 1 else self.guess(points, value))
         theta = self._clipped(slice_.theta(y))
         if len(y):
             names = (f"direction {k}" for k in range(len(y)))
-            fit = least_squares(
+            fit = self.refit(
                 lambda y: solves.residual(self._clipped(slice_.theta(y))),
                 lambda y: solves.jacobian(self._clipped(slice_.theta(y))) @ slice_.directions,
                 [Parameter(*row) for row in zip(names, slice_.low, slice_.high, strict=True)],
                 start=y, max_evaluations=EVALUATIONS, tolerance=TOLERANCE,
             )  # fmt: skip
             theta = self._clipped(slice_.theta(fit.theta))
-        own, best = solves.residual(theta), _rows(solves, self.best)
-        if own is None or best is None:
+        r, best = solves.residual(theta), _rows(solves, self.best)
+        if r is None or best is None:
             return None
         low, high = bounds(self.held.parameters)
         free = bounded_step(best[1], best[0], low - self.best, high - self.best, DAMPING[1])
-        return self._point(value, float(own @ own - best[0] @ best[0]) + free.gain, theta)
+        return self._point(value, float(r @ r - best[0] @ best[0]) + free.gain, theta)
 
     def _point(self, value: float, deviance: float, theta: Array) -> ProfilePoint:
         self.points.append(ProfilePoint(value, deviance, theta))
@@ -359,30 +388,33 @@ class _Task:
         return _Solves(*self.around(theta), self.seen)
 
     def _clipped(self, theta: Array) -> Array:
-        """Theta (d,) where rounding has left a bound."""
+        """Theta (d,) clipped to the bounds, which rounding may leave."""
         return np.clip(theta, *bounds(self.held.parameters))
 
 
-def _by_roots(known: Sequence[ProfilePoint], level: float, beyond: float) -> float:
-    """Where the line through the roots of the two deviances nearest to a level meets it; `beyond` where they
-    do not grow."""
-    wanted = math.sqrt(level)
-    roots = [(abs(root - wanted), root, x.value) for x in known for root in [math.sqrt(max(x.deviance, 0.0))]]
-    (_, a, x), (_, b, y) = sorted(roots)[:2]
-    if (b - a) * (y - x) * (beyond - known[0].value) <= 0:
+def _by_roots(points: Sequence[ProfilePoint], level: float, beyond: float) -> float:
+    """Secant step on the roots of the two deviances nearest to a level; `beyond` where they do not grow."""
+    target = math.sqrt(level)
+    roots = [(math.sqrt(max(point.deviance, 0.0)), point.value) for point in points]
+    (_, a, x), (_, b, y) = sorted((abs(root - target), root, value) for root, value in roots)[:2]
+    if (b - a) * (y - x) * (beyond - points[0].value) <= 0:
         return beyond
-    return x + (wanted - a) * (y - x) / (b - a)
+    return x + (target - a) * (y - x) / (b - a)
 
 
-def _on_the_way(known: Sequence[ProfilePoint], value: float) -> Array:
-    """Where theta (d,) should be at a value: on the line through that of the two points nearest to it."""
-    x, y = sorted(known, key=lambda point: abs(point.value - value))[:2]
+def secant(points: Sequence[ProfilePoint], value: float) -> Array:
+    """Theta (d,) at a value on the line through the two nearest points of a profile."""
+    x, y = sorted(points, key=lambda point: abs(point.value - value))[:2]
     return x.theta + (value - x.value) / (y.value - x.value) * (y.theta - x.theta)
 
 
+def nearest(points: Sequence[ProfilePoint], value: float) -> Array:
+    """Theta (d,) of the point of a profile nearest to a value."""
+    return min(points, key=lambda point: abs(point.value - value)).theta
+
+
 def _rows(solves: _Solves, theta: Array) -> Pair | None:
-    """Residual (d + 1,) and derivatives (d + 1, d) at theta (d,), turned into few rows; None where there are
-    none."""
+    """Residual (d + 1,) and Jacobian (d + 1, d) at theta (d,), reduced by QR; None without a solution."""
     r = solves.residual(theta)
     if r is None or not np.all(np.isfinite(jac := solves.jacobian(theta))):
         return None

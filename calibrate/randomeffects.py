@@ -1,4 +1,4 @@
-"""Estimates of several groups, each with its own sd -> how far groups differ, and whether the newest does.
+"""Random effects of several groups: the sd between them, and a test of the newest group.
 
 The model of a random-effects meta-analysis: y_i = mu + b_i + e_i, b_i ~ N(0, tau^2) between the groups, e_i
 ~ N(0, s_i^2) of the measurement, s_i known. A few groups tell tau poorly, and a test that takes its estimate
@@ -35,7 +35,7 @@ class Heterogeneity:
 
 @dataclass(frozen=True, kw_only=True)
 class Newcomer:
-    """How far the newest group lies from the former ones, and how often chance alone would take it so far."""
+    """Difference of the newest group from the former ones, and its p-value."""
 
     value: float
     expected: float  # the mean of the former groups
@@ -47,10 +47,14 @@ class Newcomer:
 
 
 def between(values: ArrayLike, sds: ArrayLike) -> Heterogeneity:
-    """The mean and the sd between groups of values (k,) with the sds (k,) of their measurement.
+    """Mean of, and sd between, groups of values (k,) with the sds (k,) of their measurement.
 
     The moment estimator of R. DerSimonian and N. Laird, doi:10.1016/0197-2456(86)90046-2, cut off at 0.
     Raises ValueError for fewer than two groups and for a sd that is not positive.
+
+    >>> groups = between([1.0, 2.0, 3.0], [0.1, 0.1, 0.1])
+    >>> round(groups.mean, 6), round(groups.between_sd, 3)
+    (2.0, 0.995)
     """
     y, s = _checked(values, sds, least=2)
     w = 1 / s**2
@@ -65,15 +69,18 @@ def between(values: ArrayLike, sds: ArrayLike) -> Heterogeneity:
 
 
 def newcomer(values: ArrayLike, sds: ArrayLike, *, value: float, sd: float) -> Newcomer:
-    """Whether a further group with its value and sd is like the former ones, values (k,) with sds (k,).
+    """Test of a further group with its value and sd against former ones, values (k,) with sds (k,).
 
-    Given tau, the difference to the mean of the former groups is normal with variance tau^2 + sd^2 + that of
-    the mean. tau is integrated out (prediction: J. P. T. Higgins et al.,
+    Given tau, the difference to the mean of the former groups is normal with variance tau^2 + sd^2
+    + var(mean). tau is integrated out (prediction: J. P. T. Higgins et al.,
     doi:10.1111/j.1467-985X.2008.00552.x) under a prior that is flat for tau below the sds of measurement and
     1 / tau above (the choice matters with few groups: A. Gelman, doi:10.1214/06-BA117A). Where the
     measurement is exact, this is the t test with k - 1 degrees of freedom. It holds its rate of false alarms
     whatever tau is, and is careful for small ones (`benchmarks/batches/drift.py`). Raises ValueError for
     fewer than 3 former groups.
+
+    >>> newcomer([1.0, 1.1, 0.9, 1.0], [0.05] * 4, value=2.0, sd=0.05).p_value < 0.01
+    True
     """
     y, s = _checked(values, sds, least=LEAST)
     if not sd > 0:

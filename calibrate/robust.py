@@ -1,9 +1,9 @@
-"""A whitened residual that may hold gross errors -> one of which they take little: errors of Student's t.
+"""Robust least squares with errors of Student's t, so that gross errors have little influence.
 
-K. L. Lange, R. J. A. Little, J. M. G. Taylor 1989 (doi:10.1080/01621459.1989.10478852). Their scale is found
-with the fit, 1 at least: the errors are known, and what is more a model leaves. Their iteratively reweighted
-least squares end where the gradient of the deviance is 0. The same place is found here by least squares of
-its signed root, whose steps are bounded and accepted by the deviance itself.
+K. L. Lange, R. J. A. Little, J. M. G. Taylor 1989 (doi:10.1080/01621459.1989.10478852). Their scale is
+fitted, with 1 as its lower limit: larger scales stand for lack of fit. Their iteratively reweighted least
+squares end where the gradient of the deviance is 0. Least squares of the signed root of the deviance end at
+this point, too, with bounded steps that the deviance itself accepts.
 """
 
 import math
@@ -20,7 +20,12 @@ SMALL = 1e-4  # of z, below which the root of the deviance is taken as straight
 
 
 def scale_of(z: Array, nu: float = NU) -> float:
-    """The likeliest scale of whitened values (n,), 1 at least; exact zeros stand for no data."""
+    """Maximum likelihood scale of whitened values (n,), at least 1; exact zeros stand for no data.
+
+    >>> import numpy as np
+    >>> scale_of(np.array([0.5, -0.3, 0.1])), round(scale_of(np.array([4.0, -5.0, 6.0])), 2)
+    (1.0, 5.01)
+    """
     square = z[z != 0] ** 2
 
     def over(scale: float) -> float:
@@ -32,39 +37,45 @@ def scale_of(z: Array, nu: float = NU) -> float:
 
 
 def weights(z: Array, nu: float = NU, *, scale: float = 1.0) -> Array:
-    """The weight (n,) of each whitened value (n,): (nu + 1) / (nu + (z / scale)^2), at most 1.25 for 4."""
+    """Weights (n,) of whitened values (n,): (nu + 1) / (nu + (z / scale)^2).
+
+    >>> import numpy as np
+    >>> weights(np.array([0.0, 1.0, 10.0])).round(2)
+    array([1.25, 1.  , 0.05])
+    """
     return np.asarray((nu + 1) / (nu + (z / scale) ** 2))
 
 
 def parted(
     z: Array, modes: Array, nu: float = NU, *, start: Array | None = None
 ) -> tuple[Array, Array, float]:
-    """What t errors leave of values (n,) with errors that many of them share: those that are left (n,), the
-    amplitudes (k,) of the shared ones, normal with sd 1, and the scale.
+    """Values (n,) without shared errors, amplitudes (k,) of these, and the scale of the t errors.
 
-    modes (k, n): what 1 of each amplitude adds; start (k,): amplitudes nearby. Amplitudes by least squares
-    would follow a gross error, and carry it into every value of its mode.
+    modes (k, n): errors that many values share, with amplitudes that are normal with sd 1; start (k,): first
+    amplitudes. Amplitudes by least squares would follow a gross error and carry it into every value of its
+    mode.
     """
     a = np.zeros(len(modes)) if start is None else start
-    left = z - modes.T @ a
+    rest = z - modes.T @ a
     for _ in range(TURNS):
-        scale = scale_of(left, nu)
+        scale = scale_of(rest, nu)
         if not len(modes):
             break
-        weighted = modes * (weights(left, nu, scale=scale) / scale**2)
+        weighted = modes * (weights(rest, nu, scale=scale) / scale**2)
         solved = np.linalg.solve(np.eye(len(modes)) + weighted @ modes.T, weighted @ z)
         before, a = a, np.asarray(solved, float)
-        left = z - modes.T @ a
+        rest = z - modes.T @ a
         if np.abs(a - before).max() < SETTLED:
             break
-    return left, a, scale_of(left, nu)
+    return rest, a, scale_of(rest, nu)
 
 
 def student(
     residual: Residual, jacobian: Jacobian, nu: float = NU, *, modes: Array | None = None
 ) -> tuple[Residual, Jacobian, Jacobian]:
-    """A residual and its derivatives under errors of Student's t with nu degrees of freedom, beside errors
-    that many values share, modes (k, n) of normal amplitudes (`parted`).
+    """Residual, Jacobian and information under Student's t errors with nu degrees of freedom.
+
+    modes (k, n): shared errors with normal amplitudes beside them (`parted`).
 
     residual, jacobian: as in `least_squares`, of n values whose own errors are independent. The first of the
     result, (n + k,), is the signed root of the deviance (nu + 1) ln(1 + (z / s)^2 / nu) of each value, s the
@@ -89,9 +100,9 @@ def student(
         slope, far = np.full_like(x, math.sqrt((nu + 1) / nu)), x > SMALL
         slope[far] = weights(x[far], nu) * x[far] / size[far]
         most = int(np.argmax(x))
-        whole = math.hypot(size[most], math.sqrt(2 * np.count_nonzero(z) * math.log(scale)))
-        slope[most] *= size[most] / whole if whole else 1.0
-        size[most] = whole
+        largest = math.hypot(size[most], math.sqrt(2 * np.count_nonzero(z) * math.log(scale)))
+        slope[most] *= size[most] / largest if largest else 1.0
+        size[most] = largest
         return np.sign(z) * size, slope / scale
 
     def own(z: Array) -> Array:
@@ -107,15 +118,15 @@ def student(
         z = residual(theta)
         if z is None or not np.all(np.isfinite(z)):
             return None
-        left, amplitudes, scale = split(z)
-        return np.append(roots(left, scale)[0], amplitudes)
+        rest, amplitudes, scale = split(z)
+        return np.append(roots(rest, scale)[0], amplitudes)
 
     def slope(theta: Array) -> Array:
         rows, z = jacobian(theta), residual(theta)
         if z is None or not np.all(np.isfinite(rows)):
             return np.full((len(rows) + len(own(rows[:, 0])), rows.shape[1]), np.nan)
-        left, _, scale = split(z)
-        return turned(rows, roots(left, scale)[1], own(z))
+        rest, _, scale = split(z)
+        return turned(rows, roots(rest, scale)[1], own(z))
 
     def information(theta: Array) -> Array:
         rows, z = jacobian(theta), residual(theta)

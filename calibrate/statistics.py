@@ -1,4 +1,4 @@
-"""Tests and criteria of whitened residuals and fits, and plain words on what is known.
+"""Tests and criteria of whitened residuals and fits, and a sentence on two parameters that act alike.
 
 The tests know that the noise itself was measured: variances estimated from few static frames make a chi2
 too large and its tail too long, and the plain chi2 test then calls a right model wrong.
@@ -24,6 +24,9 @@ def chi2_test(chi2: float, counts: ArrayLike, static_frames_effective: ArrayLike
     Component c then sums to n_c F(n_c, nu_c); the total's mean and variance are matched by a scaled F with
     sum n_c and as many denominator degrees as it takes (after F. E. Satterthwaite, doi:10.2307/3002019).
     Raises ValueError where nu_c <= 4: no finite variance.
+
+    >>> round(chi2_test(120.0, [100], [float("inf")]), 3), round(chi2_test(120.0, [100], [50.0]), 3)
+    (0.084, 0.24)
     """
     n, (mean, square) = np.asarray(counts, float), _scales(static_frames_effective)
     variance = np.sum(2 * n * square + n**2 * (square - mean**2))
@@ -66,10 +69,10 @@ def omnibus(
 
 
 def excess(z: ArrayLike, basis: ArrayLike, *, fitted: ArrayLike | None = None) -> float:
-    """What smooth functions take of the whitened residual beyond the one a function that noise gives them.
+    """Squared projection of the whitened residual on smooth functions, minus its expectation under noise.
 
-    Arguments as in `omnibus`. Where the noise is overstated, chi2 may lie below its degrees of freedom though
-    a misfit is plain; this measure of it is then lower by no more than the number of functions.
+    Noise gives 1 per function. Arguments as in `omnibus`. Where the noise is overstated, chi2 may lie below
+    its degrees of freedom despite a misfit; this measure is then lower by at most the number of functions.
     """
     q = _apart(np.asarray(basis, float), fitted)
     return float(np.sum((q.T @ np.asarray(z, float)) ** 2)) - q.shape[1]
@@ -111,22 +114,34 @@ def _orthonormal(columns: Array, size: Array | None = None) -> Array:
     norms = np.linalg.norm(columns, axis=0) if size is None else size
     scaled = columns / np.where(norms > 0, norms, 1.0)
     sizes, axes = np.linalg.eigh(scaled.T @ scaled)  # small: far cheaper than the SVD of n rows
-    known = sizes > 1e-9
-    return scaled @ (axes[:, known] / np.sqrt(sizes[known]))
+    rank = sizes > 1e-9
+    return scaled @ (axes[:, rank] / np.sqrt(sizes[rank]))
 
 
 def bic(chi2: float, k: int, n: int) -> float:
-    """Bayesian information criterion of k parameters fitted to n values (doi:10.1214/aos/1176344136)."""
+    """Bayesian information criterion of k parameters fitted to n values (doi:10.1214/aos/1176344136).
+
+    >>> round(bic(100.0, 2, 1000), 2)
+    113.82
+    """
     return chi2 + k * math.log(n)
 
 
 def sidak(p: float, m: int) -> float:
-    """Probability that the smallest of m independent p-values is at most p (doi:10.2307/2283989)."""
+    """Probability that the smallest of m independent p-values is at most p (doi:10.2307/2283989).
+
+    >>> round(sidak(0.01, 5), 3)
+    0.049
+    """
     return 1.0 if p >= 1 else -math.expm1(m * math.log1p(-p))
 
 
 def holm(p: ArrayLike) -> Array:
-    """p-values (m,) adjusted for their number, S. Holm 1979: reject those below the wanted rate."""
+    """p-values (m,) adjusted for their number (S. Holm 1979), to be compared with the level of the test.
+
+    >>> holm([0.01, 0.04, 0.03])
+    array([0.03, 0.06, 0.06])
+    """
     values = np.asarray(p, float)
     order = np.argsort(values)
     adjusted = np.empty_like(values)
@@ -135,17 +150,17 @@ def holm(p: ArrayLike) -> Array:
 
 
 def identifiability(fit: Fit, names: tuple[str, str], *, fits: bool = True) -> str:
-    """What the data say of two parameters that act alike (C10, C01): sum, share, and if they part, in words.
+    """Sentence on two parameters that act alike (C10, C01): their sum, their share, and their separability.
 
     fits: whether the model agrees with the data; no interval is given where it does not. The sds of sum and
     share follow from the covariance to first order. The two "cannot be separated" where their correlation
     exceeds 0.9 in size, where the share's sd exceeds 0.25, or where the data leave them undetermined. Raises
     ValueError for a name that is not a parameter of the fit.
     """
-    own = [p.name for p in fit.parameters]
-    if absent := [name for name in names if name not in own]:
-        raise ValueError(f"identifiability: no parameter {absent} in the fit, which has {own}")
-    i, j = (own.index(name) for name in names)
+    fitted = [p.name for p in fit.parameters]
+    if absent := [name for name in names if name not in fitted]:
+        raise ValueError(f"identifiability: no parameter {absent} in the fit, which has {fitted}")
+    i, j = (fitted.index(name) for name in names)
     a, b, unit = names[0], names[1], f" {fit.parameters[i].unit}".rstrip()
     total, share = fit.theta[i] + fit.theta[j], fit.theta[j] / (fit.theta[i] + fit.theta[j])
     verdict = f"{a} and {b} cannot be separated by these targets"
@@ -161,10 +176,10 @@ def identifiability(fit: Fit, names: tuple[str, str], *, fits: bool = True) -> s
     if sd_share > 0.25:
         # with the share held: the inverse of the information on the sum alone
         turn = np.stack([np.ones(2), slope])
-        given = 1 / math.sqrt(np.linalg.inv(turn @ block @ turn.T)[0, 0])
-        held = f"{a} + {b} = {total:.4g}{unit}{_span(total, given, fits)} at a given share"
-        known = f"only their sum is known (correlation {correlation:.3f})"
-        return f"{held}, which may be anything. {verdict}: {known}."
+        sd_held = 1 / math.sqrt(np.linalg.inv(turn @ block @ turn.T)[0, 0])
+        held = f"{a} + {b} = {total:.4g}{unit}{_span(total, sd_held, fits)} at a given share"
+        reason = f"only their sum is known (correlation {correlation:.3f})"
+        return f"{held}, which may be anything. {verdict}: {reason}."
     values = (
         f"{a} + {b} = {total:.4g}{unit}{_span(total, sd_total, fits)}, "
         f"share {b}/({a} + {b}) = {share:.3g}{_span(share, sd_share, fits, high=1.0)}, "

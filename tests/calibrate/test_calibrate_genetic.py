@@ -4,8 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from pymoo.operators.crossover.sbx import SBX
 
 from calibrate import Parameter, Population
+from calibrate.genetic import ArithmeticCrossover, UniformMutation
 
 STUDY = (Parameter("C10", 0.01, 0.5, "MPa"), Parameter("C01", 0.0, 0.5, "MPa"))
 
@@ -76,7 +78,7 @@ def test_a_resume_after_an_ask_without_tell_is_bit_equal_too() -> None:
     population.tell(*whole[2])
 
 
-@pytest.mark.parametrize("change", [{"seed": 6}, {"seed": 5, "mutation": 0.3}, {"seed": 5, "size": 20}])
+@pytest.mark.parametrize("change", [{"seed": 6}, {"seed": 5, "mutation": UniformMutation(0.3)}, {"seed": 5, "size": 20}])
 def test_records_of_another_run_are_refused(change: dict) -> None:
     records = run(Population(STUDY, seed=5), 3)
     with pytest.raises(ValueError, match="not those asked for"):
@@ -98,7 +100,7 @@ def test_failed_models_rank_last_and_the_search_goes_on(bad: float) -> None:
 
 
 def test_arithmetic_crossover_stays_between_the_parents_without_mutation() -> None:
-    population = Population(STUDY, seed=4, mutation=0.0, crossover=1.0)
+    population = Population(STUDY, seed=4, mutation=UniformMutation(0.0), crossover=ArithmeticCrossover(1.0))
     (x, _), (children, _) = run(population, 2)
     # Whole arithmetic crossover: the two children of a mating have the parents' sum.
     pairs = children.reshape(2, 14, 2).sum(axis=0)
@@ -110,7 +112,7 @@ def test_arithmetic_crossover_stays_between_the_parents_without_mutation() -> No
 
 
 def test_mutation_draws_a_fifth_of_the_genes_anew() -> None:
-    population = Population(STUDY, size=402, seed=4, crossover=0.0)
+    population = Population(STUDY, size=402, seed=4, crossover=ArithmeticCrossover(0.0))
     (x, _), (children, _) = run(population, 2)
     new = [~np.isin(children[:, k], x[:, k]) for k in range(2)]
     # 800 genes at 0.2: sd of the share 0.014, four of them allowed.
@@ -121,7 +123,7 @@ def test_mutation_draws_a_fifth_of_the_genes_anew() -> None:
 
 
 def test_a_tournament_of_three_prefers_the_cheaper() -> None:
-    population = Population(STUDY, size=300, seed=4, crossover=0.0, mutation=0.0)
+    population = Population(STUDY, size=300, seed=4, crossover=ArithmeticCrossover(0.0), mutation=UniformMutation(0.0))
     (x, cost), (children, _) = run(population, 2)
     rank = {tuple(row): k for k, row in enumerate(x[np.argsort(cost)])}
     mean = np.mean([rank[tuple(row)] for row in children]) / 299
@@ -129,13 +131,27 @@ def test_a_tournament_of_three_prefers_the_cheaper() -> None:
     assert mean == pytest.approx(0.25, abs=0.045)
 
 
-IMPOSSIBLE = [{"size": 2}, {"elitism": 0}, {"elitism": 30}, {"crossover": 1.2}, {"mutation": -1}]
+def test_any_crossover_of_pymoo_serves_and_the_default_is_the_studys() -> None:
+    by_name = Population(STUDY, seed=5, crossover=ArithmeticCrossover(0.8), mutation=UniformMutation(0.2))
+    whole = run(Population(STUDY, seed=5), 4)
+    assert same(whole, run(by_name, 4))
+    assert not same(whole, run(Population(STUDY, seed=5, crossover=SBX()), 4))
+
+
+IMPOSSIBLE = [{"size": 2}, {"elitism": 0}, {"elitism": 30}]
 
 
 @pytest.mark.parametrize("settings", IMPOSSIBLE)
 def test_impossible_settings_are_refused(settings: dict) -> None:
     with pytest.raises(ValueError, match="population:"):
         Population(STUDY, seed=1, **settings)
+
+
+@pytest.mark.parametrize("operator", [ArithmeticCrossover, UniformMutation])
+def test_impossible_probabilities_are_refused(operator: type) -> None:
+    for p in (1.2, -1.0):
+        with pytest.raises(ValueError, match="wanted a probability"):
+            operator(p)
 
 
 def test_costs_of_the_wrong_number_are_refused() -> None:

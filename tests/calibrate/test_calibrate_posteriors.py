@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from emcee.moves import DEMove, StretchMove
 from scipy.stats import norm
 
 from calibrate import Parameter, least_squares, posteriors, profile_likelihood
@@ -98,6 +99,15 @@ def test_a_chain_that_was_killed_goes_on_with_the_same_bits(monkeypatch: pytest.
     np.testing.assert_array_equal(at_once.positions, whole.positions[:750])
     other = sampled(gauss, start, seed=8, most=250)
     assert not np.array_equal(other.positions[0], whole.positions[0])
+
+
+def test_moves_of_emcee_are_an_argument() -> None:
+    start = walkers(np.zeros(2), np.ones(2))
+    usual = sampled(gauss, start, seed=7, most=250)
+    named = sampled(gauss, start, seed=7, most=250, moves=[(DEMove(), 0.8), (StretchMove(), 0.2)])
+    np.testing.assert_array_equal(usual.positions, named.positions)
+    walk = sampled(gauss, start, seed=7, most=250, moves=StretchMove())
+    assert not np.array_equal(usual.positions, walk.positions)
 
 
 def test_a_chain_that_is_too_short_says_so(trusted: Chain) -> None:

@@ -8,7 +8,7 @@ from iminuit import Minuit
 
 from calibrate import Parameter, least_squares, profile_likelihood
 from calibrate.parameters import Array
-from calibrate.profiles import IDENTIFIED, LEVELS, MISSED, NOT_IDENTIFIED, ONE_SIDED, Held, Profile
+from calibrate.profiles import IDENTIFIED, LEVELS, MISSED, NOT_IDENTIFIED, ONE_SIDED, Held, Profile, nearest
 
 ROOTS = np.sqrt(LEVELS)
 P, Q = Parameter("p", -10, 10), Parameter("q", -10, 10)
@@ -67,6 +67,16 @@ def test_the_profile_of_a_factor_is_that_of_a_ratio() -> None:
     found = profile_likelihood(lambda _: (residual, jacobian), held=Held.parameter(both, "a"), theta=[0.5, 2.0])
     wanted = np.array([ratio(1, 2, 0.3, 0.5, level) for level in LEVELS])
     np.testing.assert_allclose(ends(found), wanted, rtol=5e-3)  # 0.01 sd
+    calls = []
+
+    def refit(*args: object, **settings: object) -> object:
+        calls.append(settings)
+        return least_squares(*args, **settings)  # type: ignore[arg-type]
+
+    held = Held.parameter(both, "a")
+    other = profile_likelihood(lambda _: (residual, jacobian), held=held, theta=[0.5, 2.0], guess=nearest, refit=refit)
+    np.testing.assert_allclose(ends(other), wanted, rtol=5e-3)
+    assert len(calls) == len(other.points) - 1
     plain = 0.5 + np.outer(ROOTS, [-1, 1]) * np.hypot(0.3 / 2, 0.5 * 0.5 / 2)
     assert np.abs(plain - wanted).max() > 0.1  # which the covariance does not tell
 
