@@ -26,8 +26,7 @@ from twin.bench.fits import fresh
 from twin.commands.demo import run_demo
 from twin.console import Console
 from twin.project.folder import Project
-from twin.report.footage import Footage
-from twin.report.onfilm import models_on_film
+from twin.report.filmprojection import Footage, models_on_film
 from twin.review.filmed import Filmed
 from twin.review.states import Generations
 from twin.targets import Array
@@ -79,7 +78,7 @@ def overlay_px(demo: Path = DEMO) -> dict[str, float]:
     filmed, why = models_on_film(project, targets, Generations.load(history), say)
     if filmed is None:
         raise SystemExit(f"{demo}: {why or 'it has no film'}")
-    marker = np.linalg.norm(filmed.measured - filmed.way[-1].markers, axis=2)
+    marker = np.linalg.norm(filmed.measured - filmed.models[-1].markers, axis=2)
     marker = marker[np.isfinite(marker)]
     off = np.abs(edge_px(filmed, Footage(project, filmed)))
     return {
@@ -96,7 +95,7 @@ def edge_px(filmed: Filmed, footage: Footage) -> Array:
     """How far outside the model's edge the film's lies, px, in every eighth picture; signed."""
     at = {int(frame): k for k, frame in enumerate(filmed.frame) if k % EVERY == 0}
     found = [
-        edge_off(picture.astype(float), filmed.way[-1].edge[at[index]])
+        edge_off(picture.astype(float), filmed.models[-1].edge[at[index]])
         for index, _, picture in footage.film.frames()
         if index in at
     ]

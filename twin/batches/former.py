@@ -1,4 +1,7 @@
-"""A further batch on the same rig: a project made from the former, and whether its camera still fits."""
+"""A further batch on the rig of a former one: its former batch, and a test of the camera.
+
+a project made from the former, and whether its camera still fits.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,8 +30,9 @@ def former_of(project: Project) -> Project | None:
 
 
 def camera_kept(project: Project) -> str:
-    """Whether the former batch's camera still fits, as the rig's fixed markers show it, in one sentence; ""
-    where there is no camera to keep. ValueError where it does not fit."""
+    """Sentence on the fit of the former batch's camera to the rig's fixed markers; "" without a camera to
+    keep. ValueError where it does not fit.
+    """
     try:
         former = former_of(project)
     except ValueError as error:  # the new batch alone was moved: what is done of it holds
@@ -61,8 +65,8 @@ def _tested(project: Project, name: str, film: Path, camera: Any, then: Mapping[
         raise ValueError(f"{table.film} has {opened.width} x {opened.height} px, but the camera of {name} "
                          f"{camera.size[0]} x {camera.size[1]}: it does not fit; {remedy}")  # fmt: skip
     picture = next(iter(opened.frames()))[2]
-    found = locate(picture, dictionary=dictionary_name(project, table.dictionary), camera=camera)
-    centre = {int(i): c for i, c in zip(found.ids, found.centre, strict=True)}
+    markers = locate(picture, dictionary=dictionary_name(project, table.dictionary), camera=camera)
+    centre = {int(i): c for i, c in zip(markers.ids, markers.centre, strict=True)}
     rig = [m for m in project.config.frame.markers if m.name in then and m.marker in centre]
     defines = np.array([m.role == "frame" for m in rig])
     if defines.sum() < 4 or defines.all():
@@ -84,21 +88,21 @@ def _seen_before(former: Project) -> tuple[Any, dict[str, Array]] | None:
     tracks, camera = former.newest("measure", "tracks.npz"), former.newest("camera", "camera.json")
     if tracks is None or camera is None:
         return None
-    found = files.read_npz(tracks, "names", "position")
-    first = {}
-    for name, track in zip(found["names"].tolist(), np.moveaxis(found["position"], 1, 0), strict=True):
-        known = np.flatnonzero(np.isfinite(track[:, 0]))
-        if len(known):
-            first[name] = track[known[0]]
-    return stored_cameras(camera)[0], first
+    arrays = files.read_npz(tracks, "names", "position")
+    positions = {}
+    for name, track in zip(arrays["names"].tolist(), np.moveaxis(arrays["position"], 1, 0), strict=True):
+        visible = np.flatnonzero(np.isfinite(track[:, 0]))
+        if len(visible):
+            positions[name] = track[visible[0]]
+    return stored_cameras(camera)[0], positions
 
 
 def _same_camera(project: Project, former: Project) -> bool:
-    """Whether the pictures of the board, or the camera file, are the former batch's."""
-    own, others = (
+    """True where board pictures and camera file are equal to the former batch's."""
+    digests, former_digests = (
         sorted(files.digest_of(calibration_files(p), root=p.root).values()) for p in (project, former)
     )
-    return bool(own) and own == others
+    return bool(digests) and digests == former_digests
 
 
 def calibration_files(project: Project) -> list[Path]:

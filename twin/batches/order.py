@@ -9,14 +9,14 @@ from twin.project.folder import Project
 
 def batches_in(folder: Path) -> list[Path]:
     """The project folders below a folder, in the order of their names (batch-9 before batch-10)."""
-    found = [path.parent for path in folder.glob("*/twin.toml")]
+    folders = [path.parent for path in folder.glob("*/twin.toml")]
     return sorted(
-        (path for path in found if not path.name.startswith(".")), key=lambda path: _natural(path.name)
+        (path for path in folders if not path.name.startswith(".")), key=lambda path: _natural(path.name)
     )
 
 
 def holds_batches(folder: Path) -> bool:
-    """Whether a folder is no project itself and has projects below it."""
+    """True for a folder that is no project itself and has projects below it."""
     return not (folder / "twin.toml").is_file() and bool(batches_in(folder))
 
 

@@ -1,4 +1,7 @@
-"""The constants of a batch beside those of the batches before it: what the report says of the series."""
+"""Constants of a batch beside the constants of earlier batches, for the report.
+
+what the report says of the series.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -16,41 +19,47 @@ SHOWN = 6  # batches at most, the last ones: a wider table is read in `twin batc
 
 
 def earlier_facts(project: Project, record: FitRecord) -> dict[str, Any] | None:
-    """A table of the constants of this batch's fit and of the earlier ones, and what has changed against the
-    last of them; None without one."""
-    found = {path.name: values for path in _before(project) if (values := _values(path)) is not None}
-    if not found:
+    """Table of the constants of this batch and of earlier ones, with the changes against the last of them.
+
+    None without an earlier batch.
+    """
+    batches = {path.name: values for path in _before(project) if (values := _values(path)) is not None}
+    if not batches:
         return None
-    own = values_of(record)
-    shown = dict(list(found.items())[-SHOWN:])
+    present = values_of(record)
+    latest = dict(list(batches.items())[-SHOWN:])
     like = _like(project)
-    last = like if like in shown else list(shown)[-1]
-    changes = changes_of(shown[last], own)
-    sides = [{v.name: v for v in values} for values in (*shown.values(), own)]
+    last = like if like in latest else list(latest)[-1]
+    changes = changes_of(latest[last], present)
+    columns = (*latest.values(), present)
+    sides = [{v.name: v for v in values} for values in columns]
     rows = [
         {"name": name, "unit": next(s[name].unit for s in sides if name in s),
          "cells": [_cell(side.get(name)) for side in sides],
          "changed": any(c.known and c.name == name for c in changes)}
-        for name in dict.fromkeys(v.name for values in (*shown.values(), own) for v in values)
+        for name in dict.fromkeys(v.name for values in columns for v in values)
     ]  # fmt: skip
-    return {"batches": [*shown, project.root.name], "rows": rows, "beside": last,
+    return {"batches": [*latest, project.root.name], "rows": rows, "beside": last,
             "sentences": [c.words for c in changes]}  # fmt: skip
 
 
 def _before(project: Project) -> list[Path]:
-    """The folders of earlier batches, the oldest first: those that twin.toml and its former ones name under
-    like, and neighbours of the same points whose names come before."""
-    found: list[Path] = []
-    one = project
-    while (former := _former(one)) is not None and former.root not in [project.root, *found]:
-        found.append(former.root)
-        one = former
+    """Folders of earlier batches, the oldest first.
+
+    They are the chain of batches under `like` in twin.toml, and neighbours with equal points whose names come
+    before.
+    """
+    earlier: list[Path] = []
+    batch = project
+    while (former := _former(batch)) is not None and former.root not in [project.root, *earlier]:
+        earlier.append(former.root)
+        batch = former
     beside = batches_in(project.root.parent)
     for path in beside[: beside.index(project.root)] if project.root in beside else []:
-        if path not in found and _same_points(path, project):
-            found.append(path)
+        if path not in earlier and _same_points(path, project):
+            earlier.append(path)
     order = {path: k for k, path in enumerate(beside)}
-    return sorted(found, key=lambda path: order.get(path, -1))
+    return sorted(earlier, key=lambda path: order.get(path, -1))
 
 
 def _former(project: Project) -> Project | None:
@@ -75,7 +84,7 @@ def _same_points(path: Path, project: Project) -> bool:
 
 
 def _values(path: Path) -> tuple[BatchValue, ...] | None:
-    """What the newest fit of a batch found, None where it has none that holds."""
+    """Constants of the newest fit of a batch, None without one."""
     try:
         return values_of(files.read(FitRecord, fit_file(Project.open(path))))
     except ValueError:

@@ -30,8 +30,8 @@ class Laid:
 def write_side_by_side(path: Path, two: Sequence[Laid]) -> Path | None:
     """The path of a rerun file with the recordings of both; None where one has none, and none is written."""
     with tempfile.TemporaryDirectory() as scratch:
-        found = {side.name: _recording(side, Path(scratch) / f"{k}.rrd") for k, side in enumerate(two)}
-        recordings = {name: file for name, file in found.items() if file is not None}
+        files = {side.name: _recording(side, Path(scratch) / f"{k}.rrd") for k, side in enumerate(two)}
+        recordings = {name: file for name, file in files.items() if file is not None}
         if len(recordings) < len(two):
             return None
         write_merged(path, recordings=recordings)
@@ -39,11 +39,11 @@ def write_side_by_side(path: Path, two: Sequence[Laid]) -> Path | None:
 
 
 def _recording(side: Laid, scratch: Path) -> Path | None:
-    """The newest review of a batch; for one model of it a recording is made, as a review shows the newest."""
+    """Recording of a batch: its newest review, or one made for a given run."""
     if side.run is None:
         return side.project.newest("review", "review.rrd")
-    own = side.run / "generations.npz"
-    history = own if own.is_file() else fresh(side.project, ("calibrate",), "generations.npz")
+    generations = side.run / "generations.npz"
+    history = generations if generations.is_file() else fresh(side.project, ("calibrate",), "generations.npz")
     if history is None:
         return None
     fields, targets = side.run / "fields.npz", side.project.targets()

@@ -1,4 +1,6 @@
-"""What two batches can be compared by: the constants' sum and share, and the effects, each with its sd.
+"""Comparable quantities of two batches: the constants' sum and share, and the effects, each with its sd.
+
+the constants' sum and share, and the effects, each with its sd.
 
 C10 and C01 trade off within one fit, so a difference in one of them says little. Their sum and the share of
 C01 are nearly uncorrelated: they are compared in their place.
@@ -36,8 +38,7 @@ class BatchValue:
 
 @dataclass(frozen=True, kw_only=True)
 class BatchChange:
-    """How far a quantity of one batch lies from that of another, with its 95 % interval, None where
-    unknown."""
+    """Difference of a quantity between two batches, with its 95 % interval, None where unknown."""
 
     name: str
     before: float
@@ -54,7 +55,7 @@ class BatchChange:
 
     @property
     def known(self) -> bool:
-        """Whether the 95 % interval of the difference leaves out zero."""
+        """True where the 95 % interval of the difference excludes zero."""
         return self.low is not None and self.high is not None and (self.low > 0 or self.high < 0)
 
     @property
@@ -85,7 +86,7 @@ def values_of(record: FitRecord) -> tuple[BatchValue, ...]:
 
 
 def _reason(note: str) -> str:
-    """Why there is no interval, without the words that say so."""
+    """Reason against an interval, without its introduction."""
     return "; ".join(part.removeprefix("no interval: ") for part in note.split("; "))
 
 
@@ -118,9 +119,9 @@ def _others(fit: Fit, notes: Mapping[str, str], *, but: Sequence[str]) -> tuple[
 
 
 def changes_of(before: Sequence[BatchValue], after: Sequence[BatchValue]) -> tuple[BatchChange, ...]:
-    """How the quantities that two batches share differ; their errors are taken as independent."""
-    known = {v.name: v for v in before}
-    return tuple(_change(known[v.name], v) for v in after if v.name in known)
+    """Differences of the quantities that two batches share, with independent errors."""
+    former = {v.name: v for v in before}
+    return tuple(_change(former[v.name], v) for v in after if v.name in former)
 
 
 def _change(a: BatchValue, b: BatchValue) -> BatchChange:

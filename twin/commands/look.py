@@ -17,7 +17,7 @@ from twin.drawing.meshpictures import labelled, shapes
 from twin.drawing.readpicture import as_read
 from twin.messages import Say
 from twin.project.folder import Project
-from twin.review.undeformed import write_undeformed
+from twin.review.finger import write_undeformed
 
 
 def run_look(

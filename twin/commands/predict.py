@@ -40,7 +40,7 @@ from twin.messages import Say
 from twin.model.objects import RigidObject
 from twin.project.folder import Project, Run
 from twin.records import Maybe, Record
-from twin.review.shapes import write_shapes
+from twin.review.finger import write_shapes
 from twin.tablemodel import Finite
 from twin.targets import Array
 

@@ -13,9 +13,9 @@ from twin.drawing.deformed import deformed_picture, write_vtu_series
 from twin.messages import Say
 from twin.project.folder import Project
 from twin.report.facts import facts_of
-from twin.report.found import Story
 from twin.report.page import write_report
 from twin.report.sentences import markdown, ranking_rows
+from twin.report.story import Story
 from twin.review.recording import write_review
 from twin.targets import Array
 
@@ -69,7 +69,7 @@ def _recording(story: Story, say: Say) -> list[str]:
         fields=story.fields,
         diagnosis_markdown=markdown(story),
         comparison=ranking_rows(story),
-        pictures={name: png for name, (_, png) in story.way.pictures.items()},
+        pictures={name: png for name, (_, png) in story.history.pictures.items()},
         filmed=story.footage.filmed if story.footage else None,
         strains=story.strains,
     )

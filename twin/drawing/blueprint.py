@@ -51,7 +51,7 @@ def dimensioned(
 
 
 def _side_height(case: Case, places: Sequence[Array]) -> float:
-    """How high, in inches, the view from the side is drawn across the width of the picture."""
+    """Height in inches of the side view, drawn across the width of the picture."""
     every = np.concatenate([case.nodes[:, [0, 2]], *(p[None, [0, 2]] for p in places)])
     across, up = np.ptp(every, axis=0)
     room = (3.5 * GAP + NAME) * across  # for dimensions above and names below
@@ -98,8 +98,8 @@ def _across(axes: Axes, case: Case, sketch: Sketch | None) -> None:
         _material(axes, cut_across(case, x))
         _finished(axes, f"Cut across (x = {x:.3g})", "y, mm", "")
         return
-    left, right = (cut(case, axis=0, place=x) for x in (sketch.left, sketch.right))
-    _material(axes, [*_mirrored(left), *right])
+    left_cut, right_cut = (cut(case, axis=0, place=x) for x in (sketch.left, sketch.right))
+    _material(axes, [*_mirrored(left_cut), *right_cut])
     _arrows(axes, sketch.across)
     _finished(axes, f"Cut across: {sketch.names}" if sketch.names else "Cut across", "y, mm", "")
 

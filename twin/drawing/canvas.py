@@ -30,8 +30,8 @@ def text_width(text: str, size: float) -> float:
 
 def without_letters(text: str) -> str:
     """The characters of a text that the font cannot show."""
-    known = _font().face.charToGlyph
-    return "".join(sorted({letter for letter in text if ord(letter) not in known}))
+    glyphs = _font().face.charToGlyph
+    return "".join(sorted({letter for letter in text if ord(letter) not in glyphs}))
 
 
 class Paper:

@@ -30,11 +30,11 @@ def write_clip(path: Path, film: Video, filmed: Filmed) -> float:
             "libx264", rate=max(round(len(time) * speed / time[-1]), 1), options=CODING
         )
         stream.pix_fmt, stream.codec_context.time_base = "yuv420p", Fraction(1, TICKS)
-        for at, picture in _pictures(film, filmed):
+        for step, picture in _pictures(film, filmed):
             if not stream.codec_context.is_open:
                 stream.width, stream.height = picture.shape[1], picture.shape[0]
             frame = av.VideoFrame.from_ndarray(picture, format="bgr24").reformat(format="yuv420p")
-            frame.pts, frame.time_base = round(TICKS * time[at] / speed), Fraction(1, TICKS)
+            frame.pts, frame.time_base = round(TICKS * time[step] / speed), Fraction(1, TICKS)
             target.mux(stream.encode(frame))
         target.mux(stream.encode(None))
     files.write_bytes(path, clip.getvalue())
@@ -44,10 +44,10 @@ def write_clip(path: Path, film: Video, filmed: Filmed) -> float:
 def _pictures(film: Video, filmed: Filmed) -> Iterator[tuple[int, Image]]:
     """The pictures of the clip, of even size, each with its number among those that are shown."""
     where = window(filmed, list(range(len(filmed.frame))), width=PANEL)
-    at = {int(frame): k for k, frame in enumerate(filmed.frame)}
+    steps = {int(frame): k for k, frame in enumerate(filmed.frame)}
     for index, _, grey in film.frames():
-        if index in at:
+        if index in steps:
             picture = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
-            both = side_by_side(picture, filmed, at[index], where)
+            both = side_by_side(picture, filmed, steps[index], where)
             height, width = (side // 2 * 2 for side in both.shape[:2])
-            yield at[index], np.ascontiguousarray(both[:height, :width])
+            yield steps[index], np.ascontiguousarray(both[:height, :width])

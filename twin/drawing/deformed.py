@@ -63,7 +63,7 @@ VTK_KINDS = {
 
 @functools.cache
 def can_draw() -> bool:
-    """Whether VTK can draw off screen here: tried once, in a process of its own."""
+    """True where VTK can draw off screen: tried once, in a process of its own."""
     try:
         done = subprocess.run(
             [sys.executable, "-c", PROBE], env={**os.environ, **WINDOW}, capture_output=True, timeout=60
@@ -134,8 +134,8 @@ def write_vtu_series(
     grid = grid_of(nodes, cells)
     for key, field in fields.items():
         if field.shape[:2] != (len(times), len(nodes)):
-            wanted = (len(times), len(nodes))
-            raise ValueError(f"field {key!r} has shape {field.shape}; wanted {wanted} (times, nodes) first")
+            shape = (len(times), len(nodes))
+            raise ValueError(f"field {key!r} has shape {field.shape}; wanted {shape} (times, nodes) first")
     names = [f"{name}-{step:04d}.vtu" for step in range(len(times))]
     for step, file in enumerate(names):
         for key, field in fields.items():

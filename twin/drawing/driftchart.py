@@ -45,10 +45,10 @@ def _panel(axes: Axes, course: DriftCourse) -> None:
     if course.expected is not None:
         low, high = course.expected
         axes.fill_between([last - 0.35, last + 0.35], low, high, color=FAINT, label="expected")
-    known = np.isfinite(course.low) & np.isfinite(course.high)
+    bounded = np.isfinite(course.low) & np.isfinite(course.high)
     colours = [BEFORE if course.differs and k == last else AFTER for k in x]
-    for k in x[known]:
+    for k in x[bounded]:
         axes.plot([k, k], [course.low[k], course.high[k]], color=colours[k], linewidth=1.6)
         axes.plot(k, course.values[k], "o", color=colours[k], markersize=5)
-    axes.plot(x[~known], course.values[~known], "o", color=MUTED, markerfacecolor="none", markersize=5)
+    axes.plot(x[~bounded], course.values[~bounded], "o", color=MUTED, markerfacecolor="none", markersize=5)
     axes.grid(axis="x", visible=False)

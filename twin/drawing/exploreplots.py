@@ -41,11 +41,11 @@ def draw_effects(
     with style():
         figure = Figure(figsize=(max(1.7 * d + 1.0, 4.0), 1.4 * a + 0.5), layout="constrained")
         grid = figure.subplots(a, d, sharex="col", sharey="row", squeeze=False)
-        for row, own in enumerate(panels):
-            for column, panel in enumerate(own):
-                axes, (at, mean, sd) = grid[row, column], panel.levels.T
+        for row, row_panels in enumerate(panels):
+            for column, panel in enumerate(row_panels):
+                axes, (centre, mean, sd) = grid[row, column], panel.levels.T
                 axes.plot(panel.x, panel.y, ".", color=MEASURED, markersize=3.5)
-                axes.errorbar(at, mean, np.nan_to_num(sd), fmt="o-", color=AFTER, markersize=4, capsize=2)
+                axes.errorbar(centre, mean, np.nan_to_num(sd), fmt="o-", color=AFTER, markersize=4, capsize=2)
                 axes.tick_params(labelsize=7.5)
             grid[row, 0].set_ylabel(answers[row], fontsize=8)
         for axes, name in zip(grid[-1], variables, strict=True):
@@ -59,18 +59,19 @@ def draw_parallel(coordinates: Sequence[Coordinate], *, colour: Array, label: st
     with style({"axes.grid": False, "axes.spines.left": False, "axes.spines.bottom": False}):
         figure = Figure(figsize=(max(1.2 * len(coordinates) + 1.2, 5.0), 3.4), layout="constrained")
         axes = figure.subplots()
-        heights = np.stack([_share(one.values) for one in coordinates], axis=1)
+        heights = np.stack([_share(coordinate.values) for coordinate in coordinates], axis=1)
         place = np.arange(float(len(coordinates)))
         lines = shade.to_rgba(colour)
         for k in np.argsort(colour):
             axes.plot(place, heights[k], color=lines[k], linewidth=1.0, alpha=0.8)
-        for x, one in enumerate(coordinates):
+        for x, coordinate in enumerate(coordinates):
             axes.axvline(x, color=MUTED, linewidth=0.8)
-            for y, value in ((-0.04, one.values.min()), (1.04, one.values.max())):
+            for y, value in ((-0.04, coordinate.values.min()), (1.04, coordinate.values.max())):
                 side = "top" if y < 0 else "bottom"
                 axes.text(x, y, f"{value:.3g}", ha="center", va=side, fontsize=7.5, color=INK,
                           bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0})  # fmt: skip
-        axes.set_xticks(place, [one.title.replace(", ", "\n") for one in coordinates], fontsize=7.5)
+        titles = [coordinate.title.replace(", ", "\n") for coordinate in coordinates]
+        axes.set_xticks(place, titles, fontsize=7.5)
         axes.tick_params(axis="x", length=0, pad=12)
         axes.set_yticks([])
         axes.set_ylim(-0.14, 1.14)
@@ -79,6 +80,6 @@ def draw_parallel(coordinates: Sequence[Coordinate], *, colour: Array, label: st
 
 
 def _share(values: Array) -> Array:
-    """Values (n,) over their range, 0 to 1; the middle where all are the same."""
+    """Values (n,) scaled to 0 .. 1 over their range; 0.5 where the range is 0."""
     width = float(np.ptp(values))
     return (values - values.min()) / width if width > 0 else np.full(len(values), 0.5)

@@ -52,7 +52,7 @@ def draw_starts(chi2: Array, *, same: float) -> bytes:
 def draw_curves(tests: Sequence[MaterialTestRow]) -> bytes:
     """Nominal stress over strain of each material test: measured with 1 sd, and the fitted law."""
     with style():
-        figure, grid, left = panels(len(tests), size=(2.8, 2.4), border=(0.4, 0.4), least=4.8)
+        figure, grid, edge = panels(len(tests), size=(2.8, 2.4), border=(0.4, 0.4), least=4.8)
         for axes, test in zip(grid, tests, strict=True):
             strain, order = 100 * np.array(test.strain), np.argsort(test.strain)
             axes.errorbar(strain, test.stress_MPa, yerr=test.sd_MPa, fmt="o", color=MEASURED, markersize=3.0,
@@ -60,7 +60,7 @@ def draw_curves(tests: Sequence[MaterialTestRow]) -> bytes:
             axes.plot(strain[order], np.array(test.fitted_MPa)[order], color=AFTER, label="law of the fit")
             axes.set_title(f"{test.name} ({test.kind})")
             axes.set_xlabel("amount of shear, %" if test.kind == "shear" else "nominal strain, %")
-        for axes in left:
+        for axes in edge:
             axes.set_ylabel("nominal stress, MPa")
         legend_above(figure, grid[0])
         return png(figure)

@@ -40,13 +40,14 @@ def _contour(corners: Array) -> Array:
     mask = np.zeros((height, width), np.uint8)
     for triangle in np.round(corners * 2**SHIFT).astype(np.int32):
         cv2.fillConvexPoly(mask, triangle, 255, cv2.LINE_8, SHIFT)
-    found, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    return np.asarray(max(found, key=cv2.contourArea)[:, 0], np.float64)
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return np.asarray(max(contours, key=cv2.contourArea)[:, 0], np.float64)
 
 
 def _on_contour(points: Array, contour: Array) -> tuple[Array, Array]:
-    """How far along a contour (m,2) of neighbouring pixels the points (n,2) lie, and how far off it."""
-    found = cKDTree(contour).query(points)
-    off, nearest = np.asarray(found[0], np.float64), np.asarray(found[1], np.intp)
+    """Arc length of points (n, 2) along a contour (m, 2) of neighbouring pixels, and their distance from it.
+    """
+    neighbours = cKDTree(contour).query(points)
+    off, nearest = np.asarray(neighbours[0], np.float64), np.asarray(neighbours[1], np.intp)
     steps = np.linalg.norm(np.diff(contour, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])[nearest], off

@@ -34,22 +34,22 @@ class Window:
         return (2 * round(self.size[0] * self.zoom / 2), 2 * round(self.size[1] * self.zoom / 2))
 
     def cut(self, picture: Image) -> Image:
-        """That part of a picture, as large as it is shown."""
+        """Section of a picture inside the window, at the scale of the panel."""
         x, y = self.low.astype(int)
         part = picture[y : y + self.size[1], x : x + self.size[0]]
-        way = cv2.INTER_CUBIC if self.zoom > 1 else cv2.INTER_AREA
-        return np.asarray(cv2.resize(part, self.shape, interpolation=way), np.uint8)
+        interpolation = cv2.INTER_CUBIC if self.zoom > 1 else cv2.INTER_AREA
+        return np.asarray(cv2.resize(part, self.shape, interpolation=interpolation), np.uint8)
 
     def places(self, pixels: Array) -> Array:
-        """Where pixels (...,2) of the film lie in the panel, which counts from pixels' centres, too."""
+        """Panel coordinates of film pixels (..., 2); both count from the centres of pixels."""
         scale = np.array(self.shape) / self.size
         return np.asarray((pixels - self.low + 0.5) * scale - 0.5)
 
 
-def window(filmed: Filmed, at: Sequence[int], *, width: int) -> Window:
-    """The part of the film that holds the finger in all pictures `at`, shown `width` px wide."""
-    parts = [np.concatenate([t.edge[at].reshape(-1, 2), t.markers[at].reshape(-1, 2)]) for t in filmed.shown]
-    every = np.concatenate([*parts, filmed.measured[at].reshape(-1, 2)])
+def window(filmed: Filmed, steps: Sequence[int], *, width: int) -> Window:
+    """Section of the film that holds the finger in the pictures of all steps, drawn `width` px wide."""
+    pixels = [field[steps] for t in filmed.shown for field in (t.edge, t.markers)]
+    every = np.concatenate([x.reshape(-1, 2) for x in (*pixels, filmed.measured[steps])])
     every = every[np.isfinite(every).all(axis=1)]
     room = ROOM * float(np.ptp(every, axis=0).max())
     low = np.maximum(np.floor(every.min(axis=0) - room), 0)
@@ -58,11 +58,11 @@ def window(filmed: Filmed, at: Sequence[int], *, width: int) -> Window:
     return Window(low, size, width / size[0])
 
 
-def side_by_side(picture: Image, filmed: Filmed, at: int, where: Window) -> Image:
-    """The film (h,w,3) with the model before effects were added, and with the one of now beside it."""
+def side_by_side(picture: Image, filmed: Filmed, step: int, where: Window) -> Image:
+    """Film (h,w,3) with the model before effects were added, beside the film with the present model."""
     panels = []
     for number, colour in zip(filmed.numbers, (BEFORE, AFTER)):
-        panel = _panel(where.cut(picture), filmed, number, at, where, colour)
+        panel = _panel(where.cut(picture), filmed, number, step, where, colour)
         panels.append(panel)
     gap = np.full((panels[0].shape[0], 2 * round(0.005 * where.shape[0]) + 2, 3), 255, np.uint8)
     row = [part for panel in panels for part in (gap, panel)][1:]
@@ -71,29 +71,29 @@ def side_by_side(picture: Image, filmed: Filmed, at: int, where: Window) -> Imag
 
 def still(picture: Image, filmed: Filmed, *, width: int = 760) -> bytes:
     """PNG of the worst moment of the film, its frame given (h,w,3)."""
-    at = filmed.worst
-    both = side_by_side(picture, filmed, at, window(filmed, [at], width=width))
+    step = filmed.worst
+    both = side_by_side(picture, filmed, step, window(filmed, [step], width=width))
     return bytes(cv2.imencode(".png", both)[1])
 
 
 def _panel(
-    picture: Image, filmed: Filmed, number: int, at: int, where: Window, colour: tuple[int, int, int]
+    picture: Image, filmed: Filmed, number: int, step: int, where: Window, colour: tuple[int, int, int]
 ) -> Image:
     """One model over the film, below its caption."""
-    model, unit = filmed.way[number], where.shape[0] / 760
+    model, unit = filmed.models[number], where.shape[0] / 760
     thick = max(round(1.6 * unit), 1)
-    edge = where.places(model.edge[at])
+    edge = where.places(model.edge[step])
     if np.isfinite(edge).all():
         cv2.polylines(picture, [_fixed(edge)], False, colour, thick, cv2.LINE_AA, SHIFT)
-    seen, foot = where.places(filmed.measured[at]), where.places(model.markers[at])
+    seen, foot = where.places(filmed.measured[step]), where.places(model.markers[step])
     for a, b in zip(foot, seen, strict=True):
         if np.isfinite([a, b]).all():
             tip = a + filmed.magnified * (b - a)
             _arrow(picture, a, tip, unit)
             cv2.circle(picture, _pair(b), round(3.2 * unit * 2**SHIFT), SEEN, -1, cv2.LINE_AA, SHIFT)
-    error = float(np.sqrt(np.nanmean(filmed.error_mm[number][at] ** 2)))
+    error = float(np.sqrt(np.nanmean(filmed.error_mm[number][step] ** 2)))
     head = f"Model: {model.label}"
-    below = f"{filmed.time_s[at]:.1f} s: markers {error:.2f} mm off"
+    below = f"{filmed.time_s[step]:.1f} s: markers {error:.2f} mm off"
     below += f" (red: {filmed.magnified} times as long; green: film)"
     return np.concatenate([_caption(where.shape[0], head, below, colour), picture])
 

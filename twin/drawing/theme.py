@@ -112,13 +112,13 @@ def label_ends(
     axes: Axes, x: NDArray[Any], curves: Array, *, names: Sequence[str], colours: Sequence[str]
 ) -> None:
     """Write each curve's name beside its last point, names of neighbours apart; curves (c, k) over x (k,)."""
-    known = [np.flatnonzero(np.isfinite(y)) for y in curves]
-    ends = [(float(y[k[-1]]), n) for n, (y, k) in enumerate(zip(curves, known, strict=True)) if len(k)]
+    finite = [np.flatnonzero(np.isfinite(y)) for y in curves]
+    ends = [(float(y[k[-1]]), n) for n, (y, k) in enumerate(zip(curves, finite, strict=True)) if len(k)]
     line = LINE * float(np.ptp(axes.get_ylim()))
     height = -np.inf
     for y, n in sorted(ends):
         height = max(y, height + line)
-        place = (float(x[known[n][-1]]), height)
+        place = (float(x[finite[n][-1]]), height)
         axes.annotate(
             names[n], place, xytext=(5, 0), textcoords="offset points", color=colours[n], va="center",
             annotation_clip=False,
@@ -127,8 +127,8 @@ def label_ends(
 
 def log_if_wide(axes: Axes, values: Array) -> None:
     """A logarithmic axis where positive values span more than a factor of 30."""
-    known = values[np.isfinite(values)]
-    if len(known) and known.min() > 0 and known.max() > 30 * known.min():
+    finite = values[np.isfinite(values)]
+    if len(finite) and finite.min() > 0 and finite.max() > 30 * finite.min():
         axes.set_yscale("log")
 
 

@@ -33,23 +33,24 @@ def draw_touch(
     of its surface, beside an obstacle that has given way by (3,) mm."""
     with style():
         figure = Figure(figsize=(7.6, 3.4), layout="constrained")
-        left, right = figure.subplots(1, 2)
-        left.plot(x, force, "o-", color=AFTER, markersize=3.5, linewidth=1.2)
+        curve, side_view = figure.subplots(1, 2)
+        curve.plot(x, force, "o-", color=AFTER, markersize=3.5, linewidth=1.2)
         if half is not None:
-            left.fill_between(x, force - half, force + half, color=AFTER, alpha=0.25, linewidth=0)
-        left.set_title("force on the object, N")
-        left.set_xlabel(label)
+            curve.fill_between(x, force - half, force + half, color=AFTER, alpha=0.25, linewidth=0)
+        curve.set_title("force on the object, N")
+        curve.set_xlabel(label)
         for place, colour in ((nodes, FAINT), (nodes + u, NOISE)):
             skin = list(place[triangles][..., SIDE])
-            right.add_collection(PolyCollection(skin, facecolor=colour, edgecolor="face", linewidth=0.4))
+            side_view.add_collection(PolyCollection(skin, facecolor=colour, edgecolor="face", linewidth=0.4))
         ends = np.concatenate([nodes, nodes + u])[:, SIDE]
         low, high = ends.min(axis=0), ends.max(axis=0)
         room = 0.15 * float(np.ptp(ends, axis=0).max())
-        right.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room), aspect="equal")
-        _draw_obstacle(right, obstacle, np.zeros(3), BEFORE if not given_way.any() else MUTED)
+        limits = np.stack([low - room, high + room], axis=1)
+        side_view.set(xlim=limits[0], ylim=limits[1], aspect="equal")
+        _draw_obstacle(side_view, obstacle, np.zeros(3), BEFORE if not given_way.any() else MUTED)
         if given_way.any():
-            _draw_obstacle(right, obstacle, given_way, BEFORE)
-        right.set_title("from the side: x, z in mm, at rest and at the end")
+            _draw_obstacle(side_view, obstacle, given_way, BEFORE)
+        side_view.set_title("from the side: x, z in mm, at rest and at the end")
         return png(figure)
 
 
@@ -68,7 +69,7 @@ def _draw_obstacle(axes: Axes, obstacle: Obstacle, by: Array, colour: str) -> No
     if not n.any():
         return
     n = n / np.linalg.norm(n)
-    at = (obstacle.distance + obstacle.out @ by) / (obstacle.out[SIDE] @ n) * n
+    foot = (obstacle.distance + obstacle.out @ by) / (obstacle.out[SIDE] @ n) * n
     along, far = np.array([-n[1], n[0]]), 1e3
-    ends = [at + far * along, at - far * along, at - far * (along + n), at + far * (along - n)]
+    ends = [foot + far * along, foot - far * along, foot - far * (along + n), foot + far * (along - n)]
     axes.add_patch(Polygon(ends, hatch="//", **look))

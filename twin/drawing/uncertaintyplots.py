@@ -49,10 +49,10 @@ def draw_profiles(curves: Sequence[ProfileCurve], *, level: float) -> bytes:
     interval."""
     with style():
         size, border = (2.6, 2.1), (0.6, 0.5)
-        figure, grid, left = panels(len(curves), size=size, border=border, least=4.8, sharey=True)
+        figure, grid, edge = panels(len(curves), size=size, border=border, least=4.8, sharey=True)
         for axes, curve in zip(grid, curves, strict=True):
             _profile(axes, curve, level)
-        for axes in left:
+        for axes in edge:
             axes.set_ylabel("likelihood ratio")
         legend_above(figure, grid[0])
         return png(figure)

@@ -1,6 +1,6 @@
-"""What the runs found becomes one page that a person reads.
+"""The report: one page on the results of all runs.
 
-Read `found` first: what the newest runs say, gathered once. `facts` is everything the page shows;
-`sentences`, `figures` and `waypictures` make its parts. `onfilm` sees the models through the film's camera,
-and `footage` draws them over it. `page` writes the report, or a page of tables.
+Read `story` first: the results of the newest runs, gathered once. `facts` is everything on the page;
+`sentences`, `figures` and `modelhistory` make its parts. `filmprojection` projects the models on the film,
+for the recording, a still and a clip. `page` writes the report, or a page of tables.
 """

@@ -1,4 +1,4 @@
-"""Everything that the report shows, as one record; what is drawn and said of it comes from its neighbours."""
+"""All facts of the report as one record; sentences and pictures come from the neighbouring modules."""
 
 from collections.abc import Sequence
 from datetime import date
@@ -17,8 +17,8 @@ from twin.inputs.camerarecord import CameraRecord
 from twin.judging.fitrecord import FitRecord
 from twin.project.folder import Project, kind_of, versions
 from twin.report.figures import held_out_films, pictures_of, study_facts
-from twin.report.found import Story
 from twin.report.sentences import commands, errors_of, mechanism, opening, untold, where
+from twin.report.story import Story
 
 SMALL = 0.01  # of the largest source of uncertainty: smaller ones are not shown
 SHOWN = 16  # digits of a SHA-256
@@ -35,7 +35,7 @@ def facts_of(story: Story, notes: list[str]) -> dict[str, Any]:
         "date": date.today().isoformat(),
         "errors": errors_of(story),
         "named": _named(story),
-        "evidence": story.way.facts,
+        "evidence": story.history.facts,
         "ranking": [_ranked(r, r.effect in d.named) for r in d.ranking if not r.untested],
         "study": study_facts(story),
         "ties": d.ties,
@@ -63,11 +63,11 @@ def _named(story: Story) -> list[dict[str, Any]]:
     rows, every = [], _parameters(story.fit)
     for label in story.fit.effects:
         name = name_of(label)
-        own = [p for p in every if p["name"].startswith(f"{name}.")]
-        rows.append({"effect": label, "text": "", "parameters": own})
+        parameters = [p for p in every if p["name"].startswith(f"{name}.")]
+        rows.append({"effect": label, "text": "", "parameters": parameters})
     constants = [p for p in every if "." not in p["name"]]
-    said = " ".join(story.fit.said)
-    return [*rows, {"effect": "constants beside it", "parameters": constants, "note": said}] if rows else []
+    note = " ".join(story.fit.said)
+    return [*rows, {"effect": "constants beside it", "parameters": constants, "note": note}] if rows else []
 
 
 def _chain(story: Story) -> list[dict[str, Any]]:
@@ -98,7 +98,7 @@ def _parameters(fit: FitRecord) -> list[dict[str, Any]]:
 
 
 def _of_tests(fit: FitRecord) -> str:
-    """What is said of the tests of the silicone that a fit has taken, "" without them."""
+    """Sentence on the material tests in a fit, "" without them."""
     return " ".join(told_of_tests((), fit.material_tests))
 
 
@@ -108,7 +108,7 @@ def _ranked(row: RankingRow, named: bool) -> dict[str, Any]:
 
 
 def _by_note(rows: list[RankingRow]) -> list[str]:
-    """One sentence for all effects of which the same is noted."""
+    """Sentences on untested effects, one for each note."""
     notes = dict.fromkeys(r.note for r in rows)
     return [f"{', '.join(r.law for r in rows if r.note == note)}: {note}." for note in notes]
 
@@ -117,8 +117,9 @@ def _by_note(rows: list[RankingRow]) -> list[str]:
 
 
 def budget_facts(project: Project, names: Sequence[str]) -> dict[str, Any]:
-    """What the uncertainty of some markers consists of in um, the largest source first; nothing where the
-    targets were measured elsewhere."""
+    """Error budget of some markers in um, the largest source first; empty where the targets were measured
+    elsewhere.
+    """
     path = project.newest("measure", "budget.csv")
     if path is None:
         return {}
@@ -126,13 +127,13 @@ def budget_facts(project: Project, names: Sequence[str]) -> dict[str, Any]:
     from vision.errors.errormodel import SOURCES
 
     table, marks = from_csv(path.read_text(encoding="utf-8"))
-    own = [p for p, name in enumerate(marks) if name in names]
-    um = 1e3 * np.sqrt((table.sd[:, own] ** 2).sum(axis=2))
+    columns = [p for p, name in enumerate(marks) if name in names]
+    um = 1e3 * np.sqrt((table.sd[:, columns] ** 2).sum(axis=2))
     order = [r for r in np.argsort(-um.max(axis=1)) if um[r].max() > SMALL * um.max()]
     named = [(table.sources[r], list(um[r])) for r in order]
     rows = [{"source": name, "um": cells, "remedy": SOURCES.get(name)} for name, cells in named]
     total = {"source": "all", "um": list(np.sqrt((um**2).sum(axis=0)))}
-    return {"markers": [marks[p] for p in own], "rows": [*rows, total]}
+    return {"markers": [marks[p] for p in columns], "rows": [*rows, total]}
 
 
 def provenance_of(project: Project, *, seed: Any) -> dict[str, str]:
@@ -145,12 +146,15 @@ def provenance_of(project: Project, *, seed: Any) -> dict[str, str]:
 
 
 def _engine(fit: FitRecord) -> str:
-    """What solved the model of a fit: the engine, and the version of another program."""
+    """Engine of a fit, with the version of another program.
+
+    the engine, and the version of another program.
+    """
     return f"{fit.engine}, {fit.release}" if fit.release else fit.engine
 
 
 def _solved(project: Project) -> dict[str, str]:
-    """What the newest run of each stage has solved, in words."""
+    """Solves of the newest run of each stage, in words."""
     newest = {kind_of(folder): project.info(folder) for folder in project.runs()}
     return {
         f"{kind} solved": f"{effort.in_words(info.solves)}; {info.cpu_s or 0.0:.0f} s of processor in all"

@@ -8,8 +8,8 @@ from twin import files
 from twin.diagnosis.diagnosisrecord import ForetoldFilm
 from twin.drawing import plots, studyplots
 from twin.drawing.fitplots import draw_curves
-from twin.report.found import CHANGES, Story, calibration_file
 from twin.report.page import Picture
+from twin.report.story import CHANGES, Story, calibration_file
 from twin.study.record import page_facts
 from twin.study.reference import FIGURES, file_of
 from twin.targets import Array
@@ -38,9 +38,9 @@ def study_facts(story: Story) -> dict[str, Any] | None:
 
 
 def _drawn(story: Story, name: str, *, place: str) -> list[Picture]:
-    """A picture of the way to the model of now, where there is one."""
-    law = story.way.law
-    said = {
+    """Picture of the models in their order, where there is one."""
+    law = story.history.law
+    texts = {
         "error": (
             "How the error fell",
             "RMS of measured minus model at all markers, and what noise and shared errors would give. "
@@ -58,8 +58,8 @@ def _drawn(story: Story, name: str, *, place: str) -> list[Picture]:
             False,
         ),
     }
-    title, caption, half = said[name]
-    drawn = story.way.pictures.get(name)
+    title, caption, half = texts[name]
+    drawn = story.history.pictures.get(name)
     return [Picture(title=title, caption=caption, half=half, svg=drawn[0], place=place)] if drawn else []
 
 
@@ -77,8 +77,8 @@ def _overlaid(story: Story) -> list[Picture]:
     """The film at the worst moment with the models over it."""
     if story.footage is None:
         return []
-    shown = story.footage
-    return [Picture(title="The worst moment", caption=shown.caption, png=shown.worst, place="top")]
+    footage = story.footage
+    return [Picture(title="The worst moment", caption=footage.caption, png=footage.worst, place="top")]
 
 
 def _search(story: Story) -> list[Picture]:
@@ -95,9 +95,9 @@ def _search(story: Story) -> list[Picture]:
         Picture(title="Constants of the best", caption="By generation.", half=True, svg=constants),
     ]
     if len(g.names) == 2:
-        found = files.read_npz(calibration_file(story.project, "candidates.npz"), "x", "rms_mm")
+        candidates = files.read_npz(calibration_file(story.project, "candidates.npz"), "x", "rms_mm")
         best = {"best": g.best[-1]}
-        valley = studyplots.valley(found["x"], rms_mm=found["rms_mm"], names=g.names, marks=best)
+        valley = studyplots.valley(candidates["x"], rms_mm=candidates["rms_mm"], names=g.names, marks=best)
         caption = "All candidates. Along the valley the sum of the two is the same."
         out.append(Picture(title="Error landscape", caption=caption, half=True, svg=valley))
     return out
@@ -119,30 +119,30 @@ def _over_time(story: Story) -> list[Picture]:
     if not before or len(story.targets.time) < 3:
         return []
     models = dict(zip(story.labels, (m["u"] for m in (before, after) if m), strict=False))
-    shown = f"Measured; {' and '.join(models)}."
-    return [_courses(story, models, shown), *_against_pressure(story, models, shown)]
+    caption = f"Measured; {' and '.join(models)}."
+    return [_courses(story, models, caption), *_against_pressure(story, models, caption)]
 
 
 def _rows(story: Story) -> list[int]:
     """The rows of the markers that are shown: of the objective, else the last two."""
     t, rows = story.targets, np.flatnonzero(~story.targets.fixed)
-    wanted = [r for r in rows if t.names[r] in story.project.config.calibrate.objective_points]
-    return [int(r) for r in wanted or rows[-2:]]
+    objective = [r for r in rows if t.names[r] in story.project.config.calibrate.objective_points]
+    return [int(r) for r in objective or rows[-2:]]
 
 
-def _courses(story: Story, models: dict[str, Array], shown: str) -> Picture:
+def _courses(story: Story, models: dict[str, Array], caption: str) -> Picture:
     """The markers of the objective over time."""
-    t, own = story.targets, _rows(story)
+    t, columns = story.targets, _rows(story)
     over_time = plots.displacements(
         t.time - t.time[0],
-        measured=t.value[:, own],
-        models={name: u[:, own] for name, u in models.items()},
-        names=[t.names[r] for r in own],
+        measured=t.value[:, columns],
+        models={name: u[:, columns] for name, u in models.items()},
+        names=[t.names[r] for r in columns],
     )
-    return Picture(title="Displacement", caption=shown, svg=over_time)
+    return Picture(title="Displacement", caption=caption, svg=over_time)
 
 
-def _against_pressure(story: Story, models: dict[str, Array], shown: str) -> list[Picture]:
+def _against_pressure(story: Story, models: dict[str, Array], curves: str) -> list[Picture]:
     """The markers of the objective over pressure."""
     t = story.targets
     out = []
@@ -151,7 +151,7 @@ def _against_pressure(story: Story, models: dict[str, Array], shown: str) -> lis
             t.pressure, models={name: u[:, r, 2] for name, u in models.items()}, read_at=t.pressure,
             read_mm=t.value[:, r, 2], title=t.names[r],
         )  # fmt: skip
-        title, caption = f"U3 of {t.names[r]} against pressure", f"{shown} Every dot is a step of the film."
+        title, caption = f"U3 of {t.names[r]} against pressure", f"{curves} Every dot is a step of the film."
         out.append(Picture(title=title, caption=caption, half=True, svg=drawn))
     return out
 
@@ -160,7 +160,7 @@ def _against_pressure(story: Story, models: dict[str, Array], shown: str) -> lis
 
 
 def held_out_films(story: Story) -> list[ForetoldFilm]:
-    """The films that no fit has seen; the error with effects is that of the newest model."""
+    """Errors of the films that no fit has seen, before and with the effects of the newest model."""
     after = {row.film: row.after for row in story.diagnosis.held_out}
     after |= {row.film: row for row in (story.added.held_out if story.added else ())}
     before = story.start.held_out if story.start else ()
@@ -168,7 +168,7 @@ def held_out_films(story: Story) -> list[ForetoldFilm]:
 
 
 def _unseen(row: ForetoldFilm) -> Picture:
-    """The error in a film before and after, and what is expected of it."""
+    """Picture of the error in a film before and after, with its expected value."""
     both = {"calibrated": row.before, "with effects": row.after}
     bars = [(name, film.raw_rms_mm, film.rms_mm) for name, film in both.items() if film]
     foot = row.before.noise_sd_mm if row.before.expected_mm is None else row.before.expected_mm

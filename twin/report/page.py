@@ -87,11 +87,11 @@ def _given(x: Any) -> Any:
 
 
 def _notes(rows: Iterable[Mapping[str, Any]]) -> list[str]:
-    """What is noted of parameters, each note once: with their names, unless it is noted of all."""
+    """Notes on parameters, each once: with their names, unless it is noted of all."""
     rows = list(rows)
     notes = dict.fromkeys(row["note"] for row in rows if row.get("note"))
     named = {note: [row["name"] for row in rows if row.get("note") == note] for note in notes}
-    return [n if len(own) == len(rows) else f"{', '.join(own)}: {n}" for n, own in named.items()]
+    return [n if len(names) == len(rows) else f"{', '.join(names)}: {n}" for n, names in named.items()]
 
 
 def _at(pictures: Iterable[Picture] | None, place: str) -> list[Picture]:

@@ -4,7 +4,7 @@ from typing import Any
 
 from twin.chain import STAGES, When
 from twin.numerals import short
-from twin.report.found import Story
+from twin.report.story import Story
 
 FILMED = ("camera", "measure")  # stages of a project with a film
 UNTESTED = "Whether the model lacks an effect is not tested: the targets have no noise model."
@@ -13,7 +13,7 @@ UNTESTED = "Whether the model lacks an effect is not tested: the targets have no
 def markdown(story: Story) -> str:
     lines = [f"# {story.diagnosis.verdict}", "", " ".join(story.said)]
     lines += ["", f"Calibration: {story.calibrated.identifiability}"]
-    return "\n".join([*lines, *story.way.markdown])
+    return "\n".join([*lines, *story.history.markdown])
 
 
 def ranking_rows(story: Story) -> list[dict[str, object]]:
@@ -42,24 +42,24 @@ def opening(story: Story) -> list[str]:
     fall = f"The model misses the film by {before:.3f} mm rms"
     if story.added is not None:
         fall += f", {story.labels[1]} by {story.added.raw_rms_mm:.3f} mm"
-    said = [f"{fall}; the measurement and the mesh are uncertain by {d.expected_mm:.3f} mm."]
+    sentences = [f"{fall}; the measurement and the mesh are uncertain by {d.expected_mm:.3f} mm."]
     if last:
-        return [*said, f"To be sure, make the next test: {_small(last)}"]
+        return [*sentences, f"To be sure, make the next test: {_small(last)}"]
     if story.added.adequate if story.added else d.adequate:
         return [
-            *said,
+            *sentences,
             "The model now agrees with the measurement: its constants and intervals can be used.",
         ]
-    return [*said, "The model does not agree with the measurement yet: do not use its constants."]
+    return [*sentences, "The model does not agree with the measurement yet: do not use its constants."]
 
 
 def where(story: Story) -> str:
-    """Where the model without effects fails, in words."""
+    """Sentence on the largest errors of the model without effects."""
     return story.before.where if story.before else ""
 
 
 def mechanism(story: Story) -> str:
-    """What the diagnosis says beside its first sentence; the errors stand in the opening."""
+    """Sentences of the diagnosis after its first one; the errors stand in the opening."""
     parts = story.said[1].removesuffix(".").split(". ")
     return "".join(f"{part}. " for part in parts if part and not part.startswith("The error falls"))
 
@@ -79,21 +79,21 @@ def errors_of(story: Story) -> dict[str, Any] | None:
     """The errors before and after and the expected one, mm, with what the models are called and what is left
     without shared errors; None without a diagnosis."""
     d, (before, after), added = story.diagnosis, story.labels, story.added
-    raw, left = story.unmended
+    raw, cleaned = story.unmended
     if raw is None or d.raw_rms_before_mm is None:
         return None
     return {
         "before_mm": raw,
         "after_mm": added.raw_rms_mm if added else None,
         "expected_mm": d.expected_mm,
-        "before_note": f"{before}; {short(left)} mm without shared errors",
+        "before_note": f"{before}; {short(cleaned)} mm without shared errors",
         "after_note": f"{after}; {short(added.rms_mm)} mm without shared errors" if added else None,
         "expected_note": f"of noise and shared errors; {short(d.noise_sd_mm)} mm of noise alone",
     }
 
 
 def _small(sentence: str) -> str:
-    """A sentence as it stands behind a colon: its first letter small, unless it is part of a name."""
+    """Sentence to follow a colon: its first letter small, unless it is part of a name."""
     return sentence[:1].lower() + sentence[1:] if sentence[1:2].islower() else sentence
 
 

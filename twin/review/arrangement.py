@@ -1,4 +1,4 @@
-"""How the review is laid out in rerun: four named views, each with the timeline to scrub in its title."""
+"""Layout of the review in rerun: four named views, each with the timeline to scrub in its title."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -28,14 +28,16 @@ def arranged(
     pictures: Sequence[str],
     strains: Strains | None = None,
 ) -> rrb.Blueprint:
-    """The four views as tabs, and that of the strain where there is one; filmed: the models that are drawn
-    over the film; pictures: titles of those at `pictures/0`, `pictures/1`, ..."""
-    shown = {title: f"/pictures/{number}" for number, title in enumerate(pictures)}
+    """Blueprint with the four views as tabs, and a fifth for the strain of a speckled face; filmed:
+
+    the models that are drawn over the film; pictures: titles of those at `pictures/0`, `pictures/1`, ...
+    """
+    paths = {title: f"/pictures/{number}" for number, title in enumerate(pictures)}
     views = [
         _search(scene, has_film=has_film),
         _test(scene, has_film=has_film, filmed=filmed),
-        _where(filmed=filmed, pictures=shown),
-        _effects(filmed=filmed, pictures=shown),
+        _where(filmed=filmed, pictures=paths),
+        _effects(filmed=filmed, pictures=paths),
         *([strain_view(strains)] if strains is not None else []),
     ]
     tabs = rrb.Tabs(*views, active_tab=list(VIEWS).index(OPENS), name="softtwin")
@@ -108,7 +110,7 @@ def _effects(*, filmed: Filmed | None, pictures: dict[str, str]) -> Any:
 
 
 def _fall(filmed: Filmed) -> rrb.TimeSeriesView:
-    top = 1.1 * max(model.rms_mm for model in filmed.way)
+    top = 1.1 * max(model.rms_mm for model in filmed.models)
     return rrb.TimeSeriesView(
         origin="/fall",
         name="error, mm rms, model by model",
@@ -126,13 +128,13 @@ def _from_zero(filmed: Filmed | None) -> rrb.ScalarAxis | None:
 
 def _film(view: str, name: str) -> rrb.Spatial2DView:
     """The film with what belongs to one view."""
-    own = {
+    visible = {
         "search": ["+ /film/search/**", "+ /film/legend/search"],
         "test": ["+ /film/test/**", "+ /film/legend/test"],
         "where": ["+ /film/test/before/**", "+ /film/legend/before"],
         "effect": ["+ /film/effect/**", "+ /film/legend/effect"],
     }[view]
-    return rrb.Spatial2DView(origin="/film", contents=["+ /film/frame", *own], name=name)
+    return rrb.Spatial2DView(origin="/film", contents=["+ /film/frame", *visible], name=name)
 
 
 def _picture(pictures: dict[str, str], title: str, name: str) -> rrb.Spatial2DView | None:

@@ -1,4 +1,4 @@
-"""The models on the way as the camera of the film would see them, in pixels, and how they differ from it."""
+"""Models as the camera of the film would see them, in pixels, and their errors."""
 
 from dataclasses import dataclass
 
@@ -29,7 +29,7 @@ class Filmed:
     time_s: Array  # (s,) film time
     names: tuple[str, ...]  # (p,) markers
     measured: Array  # (s,p,2) px; NaN = not seen
-    way: tuple[Trace, ...]  # nominal constants, calibrated, and each effect that was added
+    models: tuple[Trace, ...]  # nominal constants, calibrated, and each effect that was added
     before: int  # which of them has no effect yet
     search: Trace  # the best of each generation at top pressure
     search_measured: Array  # (p,2) px, at top pressure
@@ -38,14 +38,15 @@ class Filmed:
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """Which models are shown along the film: the one before effects were added, and the one of now where
-        that is another."""
-        return tuple(dict.fromkeys((self.before, len(self.way) - 1)))
+        """Indices of the models along the film: the one before effects were added, and the present one where
+        it differs. the one before effects were added, and the one of now where that is another.
+        """
+        return tuple(dict.fromkeys((self.before, len(self.models) - 1)))
 
     @property
     def shown(self) -> tuple[Trace, ...]:
         """These models."""
-        return tuple(self.way[k] for k in self.numbers)
+        return tuple(self.models[k] for k in self.numbers)
 
     @property
     def worst(self) -> int:
@@ -57,12 +58,12 @@ class Filmed:
 
     @property
     def magnified(self) -> int:
-        """How much longer than the errors the arrows of the film are: the same for all models."""
-        return magnified(self.measured - self.way[self.before].markers, self.size)
+        """Magnification of the error arrows along the film, equal for all models. the same for all models."""
+        return magnified(self.measured - self.models[self.before].markers, self.size)
 
     @property
     def search_magnified(self) -> int:
-        """The same, for the best of the generations."""
+        """Magnification of the error arrows for the best of the generations."""
         return magnified(self.search_measured - self.search.markers[-1:], self.size)
 
 

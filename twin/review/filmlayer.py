@@ -39,14 +39,14 @@ def log_filmed(
         ink.trace(f"film/test/{name}", film_time, trace, colour=colour, arrows=filmed.magnified)
         ink.dots(f"film/test/{name}/measured", film_time, filmed.measured)
     ink.search(rr.TimeColumn("generation", sequence=generations.generation))
-    ink.way(rr.TimeColumn("effect", sequence=np.arange(len(filmed.way))))
+    ink.models(rr.TimeColumn("effect", sequence=np.arange(len(filmed.models))))
     ink.legends()
     _log_curves(recording, filmed, film_time)
 
 
 @dataclass(frozen=True)
 class _Ink:
-    """What draws over the film."""
+    """Writer of the layer over the film."""
 
     recording: rr.RecordingStream
     filmed: Filmed
@@ -92,44 +92,45 @@ class _Ink:
         )
         self.dots("film/search/measured", column, measured)
 
-    def way(self, column: rr.TimeColumn) -> None:
+    def models(self, column: rr.TimeColumn) -> None:
         """The models one after the other at the worst moment of the film, and how the error falls."""
-        f, at = self.filmed, self.filmed.worst
-        edge, markers = (np.stack([getattr(m, name)[at] for m in f.way]) for name in ("edge", "markers"))
-        measured = np.broadcast_to(f.measured[at], markers.shape)
+        f, worst = self.filmed, self.filmed.worst
+        edge = np.stack([model.edge[worst] for model in f.models])
+        markers = np.stack([model.markers[worst] for model in f.models])
+        measured = np.broadcast_to(f.measured[worst], markers.shape)
         models = Trace(label="", rms_mm=0.0, edge=edge, markers=markers)
         self.trace("film/effect", column, models, colour=WAY, arrows=f.magnified, measured=measured)
         self.dots("film/effect/measured", column, measured)
-        for step, model in enumerate(f.way):
+        for step, model in enumerate(f.models):
             self.recording.set_time("effect", sequence=step)
             text = f"model {step}, {model.label}: {model.rms_mm:.3f} mm rms"
             self.text("film/effect/step", [(text, WAY)], static=False)
         self.recording.reset_time()
         for name, colour, values in (
-            ("error", WAY, [model.rms_mm for model in f.way]),
-            ("expected", QUIET, [f.expected_mm] * len(f.way)),
+            ("error", WAY, [model.rms_mm for model in f.models]),
+            ("expected", QUIET, [f.expected_mm] * len(f.models)),
         ):
             points = rr.SeriesPoints(colors=colour, marker_sizes=5.0, names=f"{name}, mm")
             self.recording.log(f"fall/{name}", points, static=True)
             _log_curve(self.recording, f"fall/{name}", column, values, f"{name}, mm", colour)
 
     def legends(self) -> None:
-        """What lines, dots and arrows are, below the film, by view."""
+        """Legend of lines, dots and arrows below the film, by view."""
         dots, arrows = (DOTS, SEEN), (ARROWS.format(self.filmed.magnified), ERROR)
-        own = (ARROWS.format(self.filmed.search_magnified), ERROR)
+        magnified = (ARROWS.format(self.filmed.search_magnified), ERROR)
         pairs = zip(self.filmed.shown, (("orange", BEFORE), ("blue", AFTER)))
         lines = [(f"{name}: model, {trace.label}", colour) for trace, (name, colour) in pairs]
         self.text("film/legend/test", [*lines, dots, arrows])
         self.text("film/legend/before", [lines[0], dots, arrows])
-        self.text("film/legend/search", [("yellow: best model of this generation", SEARCH), dots, own])
-        self.text("film/legend/effect", [dots, arrows], first=1)
+        self.text("film/legend/search", [("yellow: best model of this generation", SEARCH), dots, magnified])
+        self.text("film/legend/effect", [dots, arrows], line=1)
 
     def text(
-        self, place: str, lines: Sequence[tuple[str, Colour]], *, first: int = 0, static: bool = True
+        self, place: str, lines: Sequence[tuple[str, Colour]], *, line: int = 0, static: bool = True
     ) -> None:
         """Log lines of text below the film, each with its colour; first: the line they begin with."""
         width, height = self.filmed.size * self.scale
-        y = height + LINE * width * (first + 0.2 + np.arange(len(lines)))
+        y = height + LINE * width * (line + 0.2 + np.arange(len(lines)))
         text = rr.Points2D(
             np.stack([np.full(len(lines), 0.5 * width), y], axis=1),
             colors=[colour for _, colour in lines],
@@ -147,7 +148,7 @@ class _Ink:
 def _log_curves(recording: rr.RecordingStream, filmed: Filmed, column: rr.TimeColumn) -> None:
     """Log the errors of the models over the film, in mm: of all markers, and of each."""
     for k, name, colour in zip(filmed.numbers, ("before", "after"), (BEFORE, AFTER)):
-        label, error = filmed.way[k].label, filmed.error_mm[k]
+        label, error = filmed.models[k].label, filmed.error_mm[k]
         _log_curve(recording, f"moment/{name}", column, rms(error), label, colour)
         for p, marker in enumerate(filmed.names):
             entity = f"marker/{name}/{rr.escape_entity_path_part(marker)}"

@@ -22,11 +22,11 @@ CURVES = {  # of a recording, which are drawn in one view for both
 def write_merged(path: Path, *, recordings: Mapping[str, Path]) -> None:
     """Write the rerun file `path`, atomically: everything of two recordings, each below its name."""
     chunks = {name: list(_below(name, source)) for name, source in recordings.items()}
-    kept = {chunk.entity_path for own in chunks.values() for chunk in own}
-    with rerun_file(path, arranged(list(recordings), kept)) as recording:
-        for own in chunks.values():
-            recording.send_chunks(own)
-        _name_curves(recording, list(recordings), kept)
+    entities = {chunk.entity_path for parts in chunks.values() for chunk in parts}
+    with rerun_file(path, arranged(list(recordings), entities)) as recording:
+        for parts in chunks.values():
+            recording.send_chunks(parts)
+        _name_curves(recording, list(recordings), entities)
 
 
 def _below(name: str, source: Path) -> Iterator[Chunk]:
@@ -41,23 +41,23 @@ def _below(name: str, source: Path) -> Iterator[Chunk]:
 
 
 def entity(name: str, path: str) -> str:
-    """Where an entity of a recording lies in the merged one."""
+    """Path of an entity of a recording in the merged one."""
     return f"/{rr.escape_entity_path_part(name)}/{path.lstrip('/')}"
 
 
-def _name_curves(recording: rr.RecordingStream, names: Sequence[str], kept: set[str]) -> None:
-    """One colour for each side, and its name before that of the curve."""
+def _name_curves(recording: rr.RecordingStream, names: Sequence[str], entities: set[str]) -> None:
+    """Colour and name of the curves of each side."""
     for name, colour in zip(names, COLOURS, strict=True):
         for curve, what in CURVES.items():
-            if entity(name, curve) in kept:
+            if entity(name, curve) in entities:
                 style = rr.SeriesLines(colors=colour, widths=2.5, names=f"{name}: {what}")
                 recording.log(entity(name, curve), style, static=True)
 
 
-def arranged(names: Sequence[str], kept: set[str]) -> rrb.Blueprint:
+def arranged(names: Sequence[str], entities: set[str]) -> rrb.Blueprint:
     """The views as tabs; what a recording does not have gets no view."""
     tabs = {
-        "films": _beside([_film(name) for name in names if entity(name, "film/frame") in kept]),
+        "films": _beside([_film(name) for name in names if entity(name, "film/frame") in entities]),
         "fingers": _beside([_finger(name) for name in names]),
         "errors": rrb.Vertical(
             _curves(names, "rms/calibrated", "error at each moment, mm rms (film_time)"),
@@ -66,9 +66,9 @@ def arranged(names: Sequence[str], kept: set[str]) -> rrb.Blueprint:
         "search": _curves(names, "rms/best", "error of the best, mm rms (generation)"),
         "diagnoses": _beside([rrb.TextDocumentView(origin=entity(n, "diagnosis"), name=n) for n in names]),
     }
-    own = [_named(tabs[view], view) for view in VIEWS if tabs[view] is not None]
+    views = [_named(tabs[view], view) for view in VIEWS if tabs[view] is not None]
     return rrb.Blueprint(
-        rrb.Tabs(*own, active_tab=0, name="side by side"),
+        rrb.Tabs(*views, active_tab=0, name="side by side"),
         rrb.TimePanel(timeline="film_time", state="collapsed", fps=2.0),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
@@ -85,9 +85,9 @@ def _named(view: Any, name: str) -> Any:
 
 def _film(name: str) -> rrb.Spatial2DView:
     """The film of one side with the models of its test."""
-    shown = ("film/frame", "film/test/**", "film/legend/test")
+    paths = ("film/frame", "film/test/**", "film/legend/test")
     return rrb.Spatial2DView(
-        origin=entity(name, "film"), contents=[f"+ {entity(name, path)}" for path in shown], name=name
+        origin=entity(name, "film"), contents=[f"+ {entity(name, path)}" for path in paths], name=name
     )
 
 

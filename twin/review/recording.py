@@ -124,16 +124,17 @@ def _review_size(video: av.VideoStream) -> tuple[int, int]:
 
 
 def _video(film: Path | None, times: Array) -> tuple[rr.AssetVideo | None, Integers, Array, list[str]]:
-    """The film as an asset that the viewer shows without ffmpeg, its time stamps (t,) ns, how many of its
-    pixels one of the film is wide and high (2,), and notes."""
+    """Film as an asset that the viewer shows without ffmpeg, its time stamps (t,) ns, its scale (2,) in
+    pixels per pixel of the film, and notes.
+    """
     scale = np.ones(2)
     if film is None:
         why = "no film in this project: the model is shown without it"
         return None, np.zeros(0, dtype=np.int64), scale, [why]
     notes = []
     with opened(film) as source:
-        own = source.streams.video[0]
-        small = np.array(_review_size(own)) / (own.width, own.height)
+        stream = source.streams.video[0]
+        small = np.array(_review_size(stream)) / (stream.width, stream.height)
     try:
         data, scale = encode_av1(film), small
     except av.codec.codec.UnknownCodecError:
@@ -158,11 +159,11 @@ def _log_frames(
 ) -> None:
     """The frame of every value of every timeline."""
     at_top = np.full(len(generations.generation), stamps[generations.film_frame])
-    shown = [(rr.TimeColumn("film_time", duration=times), stamps), (_generation(generations), at_top)]
+    columns = [(rr.TimeColumn("film_time", duration=times), stamps), (_generation(generations), at_top)]
     if filmed is not None:
-        worst = np.full(len(filmed.way), stamps[filmed.frame[filmed.worst]])
-        shown.append((rr.TimeColumn("effect", sequence=np.arange(len(worst))), worst))
-    for column, frames in shown:
+        worst = np.full(len(filmed.models), stamps[filmed.frame[filmed.worst]])
+        columns.append((rr.TimeColumn("effect", sequence=np.arange(len(worst))), worst))
+    for column, frames in columns:
         recording.send_columns("film/frame", [column], rr.VideoFrameReference.columns_nanos(frames))
 
 
@@ -177,13 +178,14 @@ def _log_states(
     """Log the finger on both timelines; returns how much longer than the errors the arrows are on each."""
     measured = np.broadcast_to(generations.u_measured, generations.u_points.shape)
     states = States(generations.u, generations.u_points, measured)
-    first = log_states(recording, scene, _generation(generations), states=states)
+    entities = log_states(recording, scene, _generation(generations), states=states)
     if fields is None:
         start = times[:1] if len(times) else np.array([generations.film_time_s])
         states = States(states.u[-1:], states.model[-1:], states.measured[-1:])
-        return first, log_states(recording, scene, rr.TimeColumn("film_time", duration=start), states=states)
+        film_time = rr.TimeColumn("film_time", duration=start)
+        return entities, log_states(recording, scene, film_time, states=states)
     states = States(fields.u, fields.u_points, fields.u_measured)
-    return first, log_states(
+    return entities, log_states(
         recording, scene, rr.TimeColumn("film_time", duration=fields.time_s), states=states
     )
 

@@ -19,10 +19,10 @@ def rerun_file(path: Path, views: rrb.Blueprint) -> Iterator[rr.RecordingStream]
     """The recording to log to; the file `path` holds it, with its views, when the block ends."""
     recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())  # two files never mix in one viewer
     try:
-        kept = recording.memory_recording()
+        memory = recording.memory_recording()
         # active: in the bytes the views come after the data, for which a viewer has made its own by then
         recording.send_blueprint(views, make_active=True, make_default=True)
         yield recording
-        files.write_bytes(path, kept.drain_as_bytes())
+        files.write_bytes(path, memory.drain_as_bytes())
     finally:
         recording.disconnect()

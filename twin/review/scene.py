@@ -28,7 +28,7 @@ REST = (160, 165, 175, 45)  # nearly transparent
 
 @dataclass(frozen=True)
 class Scene:
-    """What all states share: the surface that is drawn, its size, the colour scale."""
+    """Geometry and ranges that all states share: the surface that is drawn, its size, the colour scale."""
 
     nodes: Array  # (m,3) surface nodes at rest, mm
     used: Integers  # (m,) their numbers among all nodes
@@ -56,8 +56,8 @@ def scene_of(generations: Generations, fields: Fields | None) -> Scene:
     """The scene that fits the last generation and the film: early generations may leave its colours."""
     used, flat = np.unique(generations.triangles, return_inverse=True)
     nodes, last = generations.nodes[used], generations.u[-1][used]
-    shown = last if fields is None else np.concatenate([last, fields.u[:, used].reshape(-1, 3)])
-    top = round_up(float(np.linalg.norm(shown, axis=1).max()))
+    displacements = last if fields is None else np.concatenate([last, fields.u[:, used].reshape(-1, 3)])
+    top = round_up(float(np.linalg.norm(displacements, axis=1).max()))
     places = np.concatenate([nodes, nodes + last])
     triangles = flat.reshape(-1, 3).astype(np.int64)
     return Scene(nodes, used, triangles, generations.points, top, places.min(axis=0), places.max(axis=0))
@@ -155,8 +155,8 @@ def _arrow_scale(error: Array, *, size: float) -> int:
 
 def _legend_place(scene: Scene, fraction: Array, *, drop: float) -> Array:
     """Places (k,3) mm along the legend, `drop` mm below the lowest point of the finger."""
-    left = scene.low[0] + 0.02 * scene.size
-    x = left + 0.45 * (scene.high[0] - scene.low[0]) * fraction
+    start = scene.low[0] + 0.02 * scene.size
+    x = start + 0.45 * (scene.high[0] - scene.low[0]) * fraction
     level = np.ones_like(x)
     return np.stack([x, scene.high[1] * level, (scene.low[2] - drop) * level], axis=1)
 
@@ -165,8 +165,8 @@ def _legend_bar(scene: Scene) -> rr.Mesh3D:
     fraction = np.linspace(0.0, 1.0, 25)
     below, above = (_legend_place(scene, fraction, drop=drop * scene.size) for drop in (0.0, -0.025))
     k = np.arange(len(fraction) - 1)
-    other = k + len(fraction)
-    corners = [np.stack(three, axis=1) for three in ((k, k + 1, other), (k + 1, other + 1, other))]
+    opposite = k + len(fraction)
+    corners = [np.stack(three, axis=1) for three in ((k, k + 1, opposite), (k + 1, opposite + 1, opposite))]
     return rr.Mesh3D(
         vertex_positions=np.concatenate([below, above]),
         triangle_indices=np.concatenate(corners),

@@ -95,7 +95,7 @@ class Strains(_Stored):
 
 
 def _kinds(cls: type) -> dict[str, Any]:
-    """What each field holds, by name."""
+    """Type of each field, by name."""
     return {field.name: field.type for field in fields(cls)}
 
 
@@ -107,15 +107,15 @@ def _plain(array: NDArray[Any], kind: Any) -> Any:
     if (text != (array.dtype.kind == "U") and array.size) or number != (array.ndim == 0):
         raise ValueError(f"an array holds {array.dtype} of shape {array.shape}: wanted {kind}")
     if text:
-        return tuple(str(one) for one in array)
+        return tuple(str(item) for item in array)
     return array.item() if number else array
 
 
 def _check(data: object, shapes: dict[str, tuple[int, ...]]) -> None:
-    for name, wanted in shapes.items():
+    for name, shape in shapes.items():
         got = np.shape(getattr(data, name))
-        if got != wanted:
-            raise ValueError(f"{type(data).__name__}.{name} has shape {got}, wanted {wanted}")
+        if got != shape:
+            raise ValueError(f"{type(data).__name__}.{name} has shape {got}, wanted {shape}")
 
 
 def _check_triangles(triangles: Integers, nodes: int) -> None:

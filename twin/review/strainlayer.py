@@ -23,12 +23,12 @@ def log_strains(recording: rr.RecordingStream, strains: Strains, *, scale: Array
     radius = FILLED * _apart(strains.pixel) * float(scale.mean())
     for k, name in enumerate(strains.components):
         for entity, value, ramp in ((name, strains.value, SIGNED), (f"sd_{name}", strains.sd, RAMP)):
-            own = value[..., k]
-            top = round_up(float(np.nanmax(np.abs(own), initial=0.0)))
+            component = value[..., k]
+            top = round_up(float(np.nanmax(np.abs(component), initial=0.0)))
             low = -top if ramp is SIGNED else 0.0
-            seen = np.isfinite(own) & np.isfinite(strains.pixel).all(axis=-1)
+            seen = np.isfinite(component) & np.isfinite(strains.pixel).all(axis=-1)
             place = ((strains.pixel + 0.5) * scale)[seen]
-            colour = colours(own[seen], top=top, low=low, ramp=ramp)
+            colour = colours(component[seen], top=top, low=low, ramp=ramp)
             points = rr.Points2D.columns(positions=place, colors=colour)
             recording.log(f"film/strain/{entity}", rr.Points2D.from_fields(radii=radius), static=True)
             recording.send_columns(f"film/strain/{entity}", [column], points.partition(seen.sum(axis=1)))
@@ -46,8 +46,8 @@ def strain_view(strains: Strains) -> rrb.Vertical:
 
 
 def _over_film(entity: str, name: str) -> rrb.Spatial2DView:
-    shown = ("/film/frame", f"/film/strain/{entity}", f"/film/legend/strain/{entity}")
-    return rrb.Spatial2DView(origin="/film", contents=[f"+ {path}" for path in shown], name=name)
+    paths = ("/film/frame", f"/film/strain/{entity}", f"/film/legend/strain/{entity}")
+    return rrb.Spatial2DView(origin="/film", contents=[f"+ {path}" for path in paths], name=name)
 
 
 def _legend(
@@ -66,10 +66,10 @@ def _legend(
 
 def _apart(pixel: Array) -> float:
     """Distance in px of a point to its nearest neighbour, the median at the first time that shows points."""
-    shown = next((row for row in pixel if np.isfinite(row).all(axis=1).sum() > 1), None)
-    if shown is None:
+    row = next((row for row in pixel if np.isfinite(row).all(axis=1).sum() > 1), None)
+    if row is None:
         return 20.0
-    place = shown[np.isfinite(shown).all(axis=1)]
+    place = row[np.isfinite(row).all(axis=1)]
     away = np.linalg.norm(place[:, None] - place, axis=-1)
     np.fill_diagonal(away, np.inf)
     return float(np.median(away.min(axis=1)))

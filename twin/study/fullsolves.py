@@ -18,8 +18,9 @@ from twin.targets import Array
 
 
 def full_solves(on: OnPaths, generations: Sequence[Generation], say: Say) -> Generations:
-    """The best individual of every generation at the first arrival at top pressure; where it has weight
-    relative to its rest, as it is measured."""
+    """Displacements of the best individual of every generation at the first arrival at top pressure; with
+    weight, relative to the rest.
+    """
     bench, step = on.bench, int(on.objective.steps[0])
     t, nodes = bench.targets, bench.case.nodes
     points = t.places(bench.case.position)[on.rows]
@@ -47,7 +48,7 @@ def _fields(on: OnPaths, generations: Sequence[Generation], say: Say) -> Array:
     no equilibrium."""
     if on.bench.jobs is not None:
         return _by_jobs(on, on.bench.jobs, generations, say)
-    whole, path = _to_the_top(on)
+    case, path = _to_the_top(on)
     fields: dict[bytes, Array] = {}
     start = None
     for k, g in enumerate(generations):
@@ -55,7 +56,7 @@ def _fields(on: OnPaths, generations: Sequence[Generation], say: Say) -> Array:
         if g.best.tobytes() not in fields:
             constants = on.constants(g.best)
             with effort.counted(effort.kind_of(history=False, derivatives=False)):
-                start = solve(whole.with_material(**constants.terms), path, start=start, count=4)
+                start = solve(case.with_material(**constants.terms), path, start=start, count=4)
             if not start.converged:
                 raise ValueError(f"the best of generation {g.number} ({constants.told}) {start.reason}")
             *rest, top = start.fields(range(len(path.output)))[:, : len(on.bench.case.nodes)]
@@ -66,17 +67,19 @@ def _fields(on: OnPaths, generations: Sequence[Generation], say: Say) -> Array:
 def _by_jobs(
     on: OnPaths, jobs: EngineJobs, generations: Sequence[Generation], say: Say
 ) -> Array:
-    """As `_fields`, by one more job for each best candidate, of which the whole shape is kept."""
+    """Displacements (g, n, 3) mm as in `_fields`, by one further job per distinct best candidate that returns
+    the whole shape.
+    """
     bench, o, fields = on.bench, on.objective, dict[bytes, Array]()
     gravities, of_step = bench.gravities
     case, highest = under(bench.case, bench.path), float(bench.targets.pressure.max())
     for k, g in enumerate(generations):
         say.progress("best of each generation, whole shape", k, len(generations))
         if g.best.tobytes() not in fields:
-            own = case.with_material(**on.constants(g.best).terms)
+            candidate = case.with_material(**on.constants(g.best).terms)
             shapes = []
             for step, pressure in zip(o.steps[:2], (o.pressure[0], 0.0), strict=False):
-                q, u = jobs.course(own, highest, gravities[of_step[step]][:3])
+                q, u = jobs.course(candidate, highest, gravities[of_step[step]][:3])
                 shapes.append(CubicSpline(q, u[:, : len(bench.case.nodes)], axis=0)(pressure))
             fields[g.best.tobytes()] = shapes[0] - shapes[-1] if len(shapes) > 1 else shapes[0]
     return np.array([fields[g.best.tobytes()] for g in generations])

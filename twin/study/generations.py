@@ -55,7 +55,10 @@ class Objective:
         return Objective(steps, rows, component, measured, targets.pressure[steps])
 
     def sd_mm(self, targets: Targets) -> float:
-        """The error of one of the measured values in mm, 1 sd: the root of their mean variance."""
+        """Standard error of a measured value in mm: the root of their mean variance.
+
+        the root of their mean variance.
+        """
         variance = targets.covariance[self.steps[0], self.rows, self.component, self.component]
         return float(np.sqrt(variance.mean()))
 
@@ -70,13 +73,13 @@ class Objective:
     ) -> Array | None:
         """The component (k, j) in mm at pressures (k,) MPa, relative to the reference; None where there is no
         equilibrium."""
-        at = np.append(pressure, self.pressure[1:])
+        pressures = np.append(pressure, self.pressure[1:])
         steps = np.append(np.full(len(pressure), self.steps[0]), self.steps[1:])
-        u = paths.predict(constants, at, steps=steps)
+        u = paths.predict(constants, pressures, steps=steps)
         if u is None:
             return None
-        own = [int(np.flatnonzero(rows == r)[0]) for r in self.rows]
-        seen = u[:, own, self.component]
+        columns = [int(np.flatnonzero(rows == r)[0]) for r in self.rows]
+        seen = u[:, columns, self.component]
         return np.asarray(seen[: len(pressure)] - seen[len(pressure) :].mean(axis=0))
 
 
@@ -125,15 +128,15 @@ def search(
     the next begins.
     """
     records = [r for r in run.log() if r.get("event") == "generation"]
-    told = [
+    recorded = [
         (np.array(r["candidates"]), np.array([np.inf if c is None else c for c in r["costs"]]))
         for r in records
     ]
-    population = Population.replay(parameters, told, seed=seed, size=size)
+    population = Population.replay(parameters, recorded, seed=seed, size=size)
     names = [p.name for p in parameters]
     out: list[Generation] = []
     best: tuple[Array, float] = (np.zeros(len(names)), np.inf)
-    for x, c in told:
+    for x, c in recorded:
         best = _better(best, x, c)
         out.append(Generation(len(out) + 1, best[0], best[1], x, c))
     while len(out) < generations:
@@ -151,7 +154,10 @@ def search(
 
 
 def evaluations(size: int, generations: int) -> int:
-    """How many candidates a search evaluates: all of the first generation, and all but the elite later."""
+    """Number of candidates that a search evaluates: all of the first generation, all but the elite later.
+
+    all of the first generation, and all but the elite later.
+    """
     return size + (generations - 1) * (size - ELITE)
 
 

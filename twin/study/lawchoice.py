@@ -56,23 +56,24 @@ def bench_of(bench: Workbench, law: RubberLaw) -> Workbench:
 def starts_of(bench: Workbench, say: Say) -> Array:
     """Constants (m, d) at which the law of a workbench is fitted: each shape at the scale that fits best.
     ValueError where none is solved."""
-    own, found = bench.elasticity, []
-    shapes = bench.law.starts if own.nominal == bench.law.nominal and not own.fixed else (own.initial.shape,)
+    elasticity, starts = bench.elasticity, []
+    usual = elasticity.nominal == bench.law.nominal and not elasticity.fixed
+    shapes = bench.law.starts if usual else (elasticity.initial.shape,)
     for shape in shapes:
         theta, costs = OnPaths.of(bench, say, held=shape).over_scales(shape)
         if np.isfinite(costs).any():
-            found.append(theta[int(costs.argmin())])
-    if not found:
+            starts.append(theta[int(costs.argmin())])
+    if not starts:
         raise ValueError(
             f"law {bench.law.name!r}: no scale within its bounds has an equilibrium at the highest pressure"
         )
-    return np.array(found)
+    return np.array(starts)
 
 
 def fitted(bench: Workbench, starts: Array, mesh: Discretisation | None, *, seed: int) -> LawFit:
     """The law of a workbench fitted from constants (m, d). Raises Unsolvable where it cannot be solved."""
-    own = None if mesh is None else replace(mesh, law=bench.law)
-    model = bench.model(()).on_mesh(own)
+    discretisation = None if mesh is None else replace(mesh, law=bench.law)
+    model = bench.model(()).on_mesh(discretisation)
     judged = judge(model, bench.targets, starts=starts, seed=seed)
     constants = bench.elasticity.constants(judged.values)
     stretch = _stretch(judged)
@@ -85,8 +86,10 @@ def fitted(bench: Workbench, starts: Array, mesh: Discretisation | None, *, seed
 
 
 def _occam(bench: Workbench, judged: Judged) -> float:
-    """What the evidence loses against the deviance by the width of the bounds: priors of the same variance
-    about their middle."""
+    """Occam factor of the evidence, for priors of the variance of the bounds about their middle.
+
+    priors of the same variance about their middle.
+    """
     bounds = {p.name: (p.low, p.high) for p in bench.elasticity.parameters}
     free = [p.name for p in judged.fit.parameters if p.name not in judged.at_bound]
     low, high = np.array([bounds[name] for name in free]).reshape(-1, 2).T
@@ -119,9 +122,9 @@ def classes(fits: Sequence[LawFit]) -> list[list[LawFit]]:
     LAW_TIE in both evidence and BIC."""
     out: list[list[LawFit]] = []
     for fit in sorted(fits, key=lambda f: f.evidence):
-        for own in out:
-            if not min(fit.evidence - own[0].evidence, fit.bic - own[0].bic) >= LAW_TIE:
-                own.append(fit)
+        for group in out:
+            if not min(fit.evidence - group[0].evidence, fit.bic - group[0].bic) >= LAW_TIE:
+                group.append(fit)
                 break
         else:
             out.append([fit])

@@ -53,9 +53,9 @@ class OnPaths:
         wide: over all shapes that a fit may end at; held: of one shape alone, as by default of a law that
         load paths do not serve: the nominal one.
         """
-        own = bench.project.config.calibrate
+        table = bench.project.config.calibrate
         rows = np.flatnonzero(~bench.targets.fixed)
-        objective = Objective.of(bench.targets, own.objective_points, own.objective_component - 1)
+        objective = Objective.of(bench.targets, table.objective_points, table.objective_component - 1)
         return OnPaths(bench, _load_paths(bench, rows, wide, held, say), rows, objective)
 
     def holding(self, fit: Fit, say: Say) -> "OnPaths":
@@ -67,16 +67,16 @@ class OnPaths:
 
     @property
     def of_one_shape(self) -> bool:
-        """Whether the load paths are those of the nominal shape alone."""
+        """True where the load paths belong to the nominal shape alone."""
         return self.bench.jobs is None and len(self.bench.law.shapes) > MOST
 
     def over_scales(self, shape: tuple[float, ...]) -> tuple[Array, Array]:
         """Constants (k, d) of a shape, from the softest to the stiffest, and the RMS (k,) in mm of
         the objective: inf where the model has no equilibrium."""
-        own = self.bench.elasticity
-        every = [own.law.at(float(s), shape) for s in np.geomspace(*own.scales, SCALES)]
-        low, high = np.array([(p.low, p.high) for p in own.parameters]).T
-        theta = np.clip([[c[p.name] for p in own.parameters] for c in every], low, high)
+        elasticity = self.bench.elasticity
+        every = [elasticity.law.at(float(s), shape) for s in np.geomspace(*elasticity.scales, SCALES)]
+        low, high = np.array([(p.low, p.high) for p in elasticity.parameters]).T
+        theta = np.clip([[c[p.name] for p in elasticity.parameters] for c in every], low, high)
         self.ahead([c.named for c in every])
         return theta, np.array([self.cost(c.named) for c in every])
 
@@ -108,24 +108,24 @@ class OnPaths:
         t, model = self.bench.targets, self.bench.model(())
         if self.bench.jobs is not None or self.of_one_shape:
             return self._by_whole_solves(model, best, say)
-        first = self.fit(self.whitener(best), np.array([best, [p.start for p in model.parameters], *more]))
+        on_paths = self.fit(self.whitener(best), np.array([best, [p.start for p in model.parameters], *more]))
         say.progress("least squares", 1, 3)
-        w = whitener_of(self.bench.on_mesh(model, first.theta, say), first.theta, t)
-        second = self.fit(w, first.theta[None])
+        w = whitener_of(self.bench.on_mesh(model, on_paths.theta, say), on_paths.theta, t)
+        on_mesh = self.fit(w, on_paths.theta[None])
         say.progress("least squares", 2, 3)
-        bench = self.bench.reaching(model, second.theta)
-        found = bench.judged(model, second.theta, say, seed=bench.project.config.calibrate.seed)
+        bench = self.bench.reaching(model, on_mesh.theta)
+        judged = bench.judged(model, on_mesh.theta, say, seed=bench.project.config.calibrate.seed)
         say.progress("least squares", 3, 3)
-        return bench, found
+        return bench, judged
 
     def _by_whole_solves(self, model: Model, best: Array, say: Say) -> tuple[Workbench, Judged]:
         """The fit by whole solves or jobs alone, from where the search ended: several starts would cost as
         much again each."""
         say.progress("least squares", 0, 1)
         bench = self.bench.reaching(model, best)
-        found = bench.judged(model, best, say, seed=bench.project.config.calibrate.seed)
+        judged = bench.judged(model, best, say, seed=bench.project.config.calibrate.seed)
         say.progress("least squares", 1, 1)
-        return bench, found
+        return bench, judged
 
     def whitener(self, theta: Array) -> Whitener:
         """The whitener of the targets with the gauge's errors at theta (d,), without an error of the mesh."""
@@ -164,16 +164,17 @@ class OnPaths:
         if u is None:
             return InitialRow(values=values, rms_mm=None, raw_rms_mm=None)
         w, residual = judged.whitener, self.bench.targets.value - u
-        left = w.rms(residual, bound=PLAUSIBLE)
-        return InitialRow(values=values, rms_mm=left, raw_rms_mm=w.error(residual))
+        rms_mm = w.rms(residual, bound=PLAUSIBLE)
+        return InitialRow(values=values, rms_mm=rms_mm, raw_rms_mm=w.error(residual))
 
     def constants(self, theta: Array) -> Constants:
         """The constants from the free ones (d,) and those held at a value."""
-        own = self.bench.elasticity
-        return own.constants({p.name: float(x) for p, x in zip(own.parameters, theta, strict=True)})
+        elasticity = self.bench.elasticity
+        pairs = zip(elasticity.parameters, theta, strict=True)
+        return elasticity.constants({p.name: float(x) for p, x in pairs})
 
     def _gauge(self, theta: Array) -> Array:
-        """What 1 sd of the gauge's noise does to each step (s, p, 3) mm, from two nearby pressures.
+        """Change (s, p, 3) mm of each step by 1 sd of the gauge's noise, from two nearby pressures.
 
         The one above is half as far as the one below: the paths end little beyond the highest pressure.
         """
@@ -195,23 +196,23 @@ def _load_paths(
     if bench.jobs is not None:
         top, case = float(bench.targets.pressure.max()), under(bench.case, bench.path)
         return EnginePaths(case, where, top, bench.jobs, gravities[:, :3], of_step)
-    own = bench.elasticity
+    elasticity = bench.elasticity
     if bench.scales and table and bench.law == MOONEY_RIVLIN and not wide and held is None:
         return Turned((table.load_paths(bench.case, where),), of_step)
     cache, key, top = bench.store.cache(say), bench.structure.key, REDUCED
     highest = rounded_up(max(float(bench.targets.pressure.max()), LEAST_MPA))
     if not isinstance(bench.structure.body, BuiltIn):  # REDUCED is of fingers alone
-        top = reach(bench.case, bench.law, highest / own.scales[0], cache=cache, key=key)
+        top = reach(bench.case, bench.law, highest / elasticity.scales[0], cache=cache, key=key)
     how: dict[str, Any] = {"cache": cache, "key": key, "top": top, "wide": wide}
-    how["held"] = own.initial.shape if held is None and len(bench.law.shapes) > MOST else held
+    how["held"] = elasticity.initial.shape if held is None and len(bench.law.shapes) > MOST else held
     outside = [bench.path.under(g) for g in gravities]
     if bench.scales:
         alone = (load_paths(bench.case, where, bench.law, **how, outside=row) for row in outside)
         return Turned(tuple(alone), of_step)
-    low, high = own.scales
+    low, high = elasticity.scales
     # softer ones do not reach the top pressure: the table need not hold them
     scales = min(max(low, highest / top), 0.9 * high), high
-    made = tuple(
+    paths = tuple(
         sheets(bench.case, where, bench.law, **how, scales=scales, outside=row) for row in outside
     )
-    return Turned(made, of_step)
+    return Turned(paths, of_step)

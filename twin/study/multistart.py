@@ -25,7 +25,7 @@ class Starts:
 
     @property
     def rows(self) -> tuple[StartRow, ...]:
-        """What fit.json holds of them."""
+        """Rows of fit.json, one per start."""
         return tuple(
             StartRow(
                 start=self._named(end.start),
@@ -48,39 +48,41 @@ class Starts:
 
     @property
     def words(self) -> str:
-        """How many end at the best, and where else they end."""
-        found, count = optima(self.ends), len(self.ends)
-        top = [one for one in found if one.fit.chi2 <= found[0].fit.chi2 + SAME]
-        others, lost = found[len(top) :], sum(end.fit is None for end in self.ends)
-        at = sum(one.count for one in top)
-        text = f"Starts, on this mesh: {at} of {count} end at the lowest chi2, at {_constants(top[0].fit)}"
+        """Sentences on the number of ends at the best optimum and on other optima."""
+        distinct, count = optima(self.ends), len(self.ends)
+        top = [optimum for optimum in distinct if optimum.fit.chi2 <= distinct[0].fit.chi2 + SAME]
+        others, lost = distinct[len(top) :], sum(end.fit is None for end in self.ends)
+        hits = sum(optimum.count for optimum in top)
+        text = f"Starts, on this mesh: {hits} of {count} end at the lowest chi2, at {_constants(top[0].fit)}"
         if len(top) > 1:
             text += f", and as good at {_constants(top[-1].fit)}: these data hold no single optimum"
         text += "."
-        for one in others:
+        for optimum in others:
             text += (
-                f" {one.count} {'ends' if one.count == 1 else 'end'} at {_constants(one.fit)}, where chi2 is "
-                f"higher by {short(one.fit.chi2 - found[0].fit.chi2)}."
+                f" {optimum.count} {'ends' if optimum.count == 1 else 'end'} at {_constants(optimum.fit)}, "
+                f"where chi2 is higher by {short(optimum.fit.chi2 - distinct[0].fit.chi2)}."
             )
-        if not others and len(top) == 1 and at == count:
+        if not others and len(top) == 1 and hits == count:
             text += " No other optimum was met."
         return text + (f" From {lost} the model has no equilibrium." if lost else "")
 
 
 def several_starts(on: OnPaths, near: Array, count: int, run: Run, say: Say) -> Starts:
-    """The least squares from so many starts of a Latin hypercube within the bounds, drawn into the run; near:
-    constants (d,) at which the gauge's errors are taken. ValueError where none of them ends."""
-    w, own = on.whitener(near), on.bench.elasticity
-    parameters, seed = own.parameters, on.bench.project.config.calibrate.seed
+    """Least squares from a Latin hypercube of `count` starts within the bounds, drawn into the run.
+
+    constants (d,) at which the gauge's errors are taken. ValueError where none of them ends.
+    """
+    w, elasticity = on.whitener(near), on.bench.elasticity
+    parameters, seed = elasticity.parameters, on.bench.project.config.calibrate.seed
     say.progress("starts", 0, count)
     done = 0
 
     def fit(start: Array) -> Fit:
         nonlocal done
-        found = on.fit(w, start[None])
+        end = on.fit(w, start[None])
         done += 1
         say.progress("starts", done, count)
-        return found
+        return end
 
     ends = waterfall(fit, latin(parameters, count, seed=seed))
     if ends[0].fit is None:

@@ -50,8 +50,10 @@ def file_of(figure: str) -> str:
 
 @dataclass(frozen=True)
 class Reference:
-    """A calibration: load paths, generations of the search, candidates x (m, 2) MPa with their rms_mm (m,),
-    and the least-squares fit."""
+    """Calibration: load paths, generations of the search, candidates x (m, 2) MPa with their rms_mm (m,), and
+    the least-squares fit. load paths, generations of the search, candidates x (m, 2) MPa with their rms_mm
+    (m,), and the least-squares fit.
+    """
 
     on: OnPaths
     generations: Generations

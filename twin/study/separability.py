@@ -172,11 +172,11 @@ class Sensitivities:
         steps = np.flatnonzero(self.pressure <= top * (1 + 1e-9))
         points, everywhere = range(len(names)), range(len(self.spots))
         visible = sorted({0, 2, component})  # a camera that looks along y sees x and z
-        other = [i for i in visible if i != component]
+        unread = [i for i in visible if i != component]
         ramp = f"at {len(steps)} pressures up to {1e3 * top:.3g} kPa"
         here, there = " and ".join(names), f"{len(everywhere)} points"
         designs: list[tuple[str, tuple[Any, Any, Any]]] = [
-            (f"{_u(other)} of {here} at the same pressure", (steps[-1:], points, other)),
+            (f"{_u(unread)} of {here} at the same pressure", (steps[-1:], points, unread)),
             (f"{_u([component])} of {here} {ramp}", (steps[:-1], points, [component])),
             (f"{_u(visible)} of {here} {ramp}", (steps, points, visible)),
             (f"{_u(visible)} of {there} {ramp}", (steps, everywhere, visible)),

@@ -1,5 +1,6 @@
-"""A true motion -> the targets that `twin measure` would give of it, with noise from a seed; and how plain
-what is hidden is in them."""
+"""Synthetic targets of `twin measure` from a true motion, with noise from a seed; and the visibility of a
+hidden effect in them.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -18,9 +19,11 @@ REST_S = 1.8  # film A rests until 2 s: the steps before this are the reference
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """How well it is measured: picture noise `sd_mm` a marker and axis, of which kind (a name of NOISE),
-    gauge
-    noise, and how far a marker may sit from its place."""
+    """Accuracy of a virtual measurement:
+
+    picture noise `sd_mm` a marker and axis, of which kind (a name of NOISE), gauge noise, and how far a
+    marker may sit from its place.
+    """
 
     sd_mm: float = 0.015
     noise: str = "white"
@@ -107,7 +110,7 @@ def noisy_targets(
     u = u + g * (bench.gauge_sd_MPa * rng.standard_normal(s))[:, None, None]
     picture = _picture(rng, bench, bench.static_frames + s, len(markers))
     noise = _noise(picture[: bench.static_frames], names, bench)
-    own, own_names = _reference_modes(noise, reference, s, names)
+    reference_modes, reference_names = _reference_modes(noise, reference, s, names)
     value = _seen(u, picture[bench.static_frames :], reference)
     return Targets(
         time=course.output,
@@ -118,8 +121,8 @@ def noisy_targets(
         covariance=_covariance(noise, s),
         valid=np.isfinite(value),
         held_out=np.zeros(s, bool),
-        modes=np.concatenate([shared, own]),
-        mode_names=(*shared_names, *own_names),
+        modes=np.concatenate([shared, reference_modes]),
+        mode_names=(*shared_names, *reference_names),
         noise=noise,
         log_time=course.time,
         log_pressure=course.pressure,
@@ -139,7 +142,7 @@ def _seen(u: Array, picture: Array, reference: NDArray[np.int64]) -> Array:
 
 
 def _covariance(noise: Noise, steps: int) -> Array:
-    """The independent covariance (s, p, 3, 3) mm2, the same at every step; NaN for y, which is not seen."""
+    """Independent covariance (s, p, 3, 3) mm2, constant over the steps; NaN for y, which is not seen."""
     covariance = np.zeros((steps, len(noise.sd), 3, 3))
     covariance[..., range(3), range(3)] = noise.sd**2
     covariance[:, :, 1], covariance[:, :, :, 1] = np.nan, np.nan
@@ -176,14 +179,14 @@ def _noise(static: Array, names: tuple[str, ...], bench: Bench) -> Noise:
     """The noise model estimated from a static film, as `twin measure` does it."""
     from vision.errors.staticnoise import static_noise
 
-    found = static_noise(static, names, "virtual")
+    noise = static_noise(static, names, "virtual")
     return Noise(
-        sd=found.sd,
-        rho=found.rho,
-        correlation=found.correlation,
-        frames=found.frames,
-        codec_sd=found.codec_sd,
-        lasting=found.persistence.lasting,
+        sd=noise.sd,
+        rho=noise.rho,
+        correlation=noise.correlation,
+        frames=noise.frames,
+        codec_sd=noise.codec_sd,
+        lasting=noise.persistence.lasting,
         gauge_sd_MPa=bench.gauge_sd_MPa,
         gauge_frames=bench.static_frames * 5,
     )
@@ -207,15 +210,15 @@ def _shared_modes(
     return shared - shared[:, reference].mean(axis=1, keepdims=True), tuple(labels)
 
 
-def _turned(u: Array, at: Array) -> Array:
+def _turned(u: Array, points: Array) -> Array:
     """By how much (s, p) rad the side face has turned at points (p, 3) mm, from x towards z: as its lower
     edge has, along which it is known at the clamp and at the lowest markers."""
-    low = np.flatnonzero(at[:, 2] < at[:, 2].min() + 1e-6)
-    low = low[np.argsort(at[low, 0])]
-    x = np.concatenate([[0.0], at[low, 0]])
+    low = np.flatnonzero(points[:, 2] < points[:, 2].min() + 1e-6)
+    low = low[np.argsort(points[low, 0])]
+    x = np.concatenate([[0.0], points[low, 0]])
     gradient = np.gradient(np.concatenate([np.zeros((len(u), 1, 3)), u[:, low]], axis=1), x, axis=1)
     angle = np.arctan2(gradient[..., 2], 1 + gradient[..., 0])
-    return np.array([np.interp(at[:, 0], x, row) for row in angle])
+    return np.array([np.interp(points[:, 0], x, row) for row in angle])
 
 
 def _reference_modes(

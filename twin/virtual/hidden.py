@@ -1,5 +1,6 @@
-"""What a virtual truth may hide: effects of the library, the same physics by another law, and what no library
-holds. Every entry of `KINDS` has one amplitude, `size`, which is 0 where nothing is hidden.
+"""Hidden effects of virtual truths: effects of the library, their physics by another law, and effects outside
+the library. effects of the library, the same physics by another law, and what no library holds. Every entry
+of `KINDS` has one amplitude, `size`, which is 0 where nothing is hidden.
 
 They are effects like those of the library (two pure maps), but none of them is ever a candidate.
 """
@@ -60,17 +61,17 @@ class Kind:
 
 def known(label: str, parameter: str, others: Mapping[str, float] | None = None) -> Change:
     """The map of an effect of the library with one free parameter; the others are held."""
-    own: list[Effect] = []
+    effects: list[Effect] = []
 
     def change(test: Test, size: float) -> Test:
-        own[:] = own or [effect(label)]
-        return own[0].before(test, {parameter: size, **(others or {})})
+        effects[:] = effects or [effect(label)]
+        return effects[0].before(test, {parameter: size, **(others or {})})
 
     return change
 
 
 def seen_as(label: str, parameter: str, others: Mapping[str, float] | None = None) -> Seen:
-    """As `known`, for what the camera makes of it."""
+    """Map of the camera image by an effect of the library with one free parameter."""
 
     def change(u: Array, test: Test, size: float) -> Array:
         return effect(label).after(u, test, {parameter: size, **(others or {})})
@@ -99,7 +100,7 @@ def late_softening(test: Test, size: float) -> Test:
 
 
 def two_volumes(test: Test, size: float) -> Test:
-    """A line of two volumes in series, `size` s in all, and a dead time of a fifth of it."""
+    """Two first-order volumes in series, `size` s in all, and a dead time of a fifth of `size`."""
     path, tau = test.path, max(size, 0.0)
     p = first_order_lag(path.time, path.pressure, 0.4 * tau)
     p = first_order_lag(path.time, p, 0.4 * tau)
@@ -113,13 +114,13 @@ def bent_gauge(test: Test, size: float) -> Test:
 
 
 def drifting_zero(test: Test, size: float) -> Test:
-    """A zero (MPa) of the gauge that goes from `size` to half of it over the session."""
+    """Drift of the gauge's zero (MPa) from `size` to half of `size` over the session."""
     t = test.path.time
     return _along(test, test.path.pressure + size * (1 - 0.5 * t / t[-1]))
 
 
 def warming(test: Test, size: float) -> Test:
-    """Moduli that change by `size` in all, half of it within 40 s."""
+    """Change of the moduli by `size` in all, half of `size` within 40 s."""
     path = test.path
     return replace(test, path=replace(path, stiffness=1 + size * (1 - 2.0 ** (-path.time / 40.0))))
 
@@ -198,8 +199,9 @@ def backlash(test: Test, size: float) -> Test:
 
 
 def sliding(u: Array, test: Test, size: float) -> Array:
-    """The base slides out of the clamp by `size` mm in x and half of it in z while the pressure first rises
-    above 60 % of the top."""
+    """Slip of the base out of the clamp by `size` mm in x and half of `size` in z while the pressure first
+    rises above 60 % of the top.
+    """
     p, top = np.maximum.accumulate(test.path.at_output()), test.path.pressure.max()
     gone = np.clip((p / top - 0.6) / 0.4, 0.0, 1.0)
     out = u.copy()
@@ -210,8 +212,8 @@ def sliding(u: Array, test: Test, size: float) -> Array:
 def barrel(u: Array, test: Test, size: float) -> Array:
     """Radial distortion of the lens: `size` is the relative shift 60 mm off the picture's middle."""
     centre = np.array([0.5 * np.nanmax(test.points[:, 0]), 0.0, 0.0])
-    at = (test.points + u - centre) * [1.0, 0.0, 1.0]
-    return u + size * ((at / 60.0) ** 2).sum(axis=-1, keepdims=True) * at
+    offset = (test.points + u - centre) * [1.0, 0.0, 1.0]
+    return u + size * ((offset / 60.0) ** 2).sum(axis=-1, keepdims=True) * offset
 
 
 def slipped(u: Array, test: Test, size: float) -> Array:

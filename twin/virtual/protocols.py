@@ -1,5 +1,6 @@
-"""What is filmed in the virtual laboratory, and on which bench: film A, and protocols P1 to P5, each a part
-of the next.
+"""Protocols of the virtual laboratory: pressure courses and benches.
+
+film A, and protocols P1 to P5, each a part of the next.
 
 P1: the tip marker over one ramp. P2: five markers, the same ramp. P3: two cycles at two rates with holds.
 P4: P3 in three directions of gravity, of which the last is held out, the finger weighed. P5: P4 with three
@@ -109,15 +110,15 @@ class Protocol:
 
     @property
     def weighed(self) -> bool:
-        """Whether the finger has weight, which is known."""
+        """True where the finger has weight, which the model includes."""
         return self.recordings > 1
 
     @property
     def steps(self) -> Array:
         """Output times (s,) s."""
-        first = [t for t in (*REST, *FIRST, *AFTER) if not self.ramp or t <= RAMP]
+        early = [t for t in (*REST, *FIRST, *AFTER) if not self.ramp or t <= RAMP]
         rest = [PERIOD * k + t for k in range(1, self.recordings) for t in (*LATER, *AFTER)]
-        return np.array([*first, *rest])
+        return np.array([*early, *rest])
 
     @property
     def block(self) -> np.ndarray:
@@ -137,8 +138,8 @@ class Protocol:
         corner, share = np.array(CORNERS).T
         pressure = TOP * np.interp(time % PERIOD, corner, share)
         turned = 0.5 * (PERIOD - AFTER[-1] - LATER[0])  # half way between the last step and the next
-        way = np.minimum(((time + turned) // PERIOD).astype(int), self.recordings - 1)
-        return Path(time, pressure, self.steps, gravity=self.weighed * G * self.ways[way])
+        turn = np.minimum(((time + turned) // PERIOD).astype(int), self.recordings - 1)
+        return Path(time, pressure, self.steps, gravity=self.weighed * G * self.ways[turn])
 
 
 PROTOCOLS = {
@@ -154,5 +155,5 @@ PROTOCOLS = {
 
 
 def places(body: Body | Finger) -> Mapping[str, tuple[float, float, float]]:
-    """Where markers may be glued on a body, mm: along its lower side (the tip last), and off1 .. off it."""
+    """Positions in mm for markers on a body: along its lower side (the tip last), and off1 .. off it."""
     return (BuiltIn.of(body) if isinstance(body, Finger) else body).places

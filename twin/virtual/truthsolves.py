@@ -68,27 +68,27 @@ def curves(test: Test, *, ways: Array | None = None) -> Array:
     """Displacements (w, k, p, 3) mm of a test's points at LEVELS in each direction of gravity (w, 3), without
     history. ValueError where there is no equilibrium."""
     out = []
-    for way in np.array(WAYS) if ways is None else ways:
-        found = solve(test.case, Path(LEVELS, LEVELS, LEVELS, gravity=G * way), count=COUNT)
-        if not found.converged:
-            raise ValueError(f"the truth {found.reason}")
-        out.append(found.at(test.points))
+    for direction in np.array(WAYS) if ways is None else ways:
+        solution = solve(test.case, Path(LEVELS, LEVELS, LEVELS, gravity=G * direction), count=COUNT)
+        if not solution.converged:
+            raise ValueError(f"the truth {solution.reason}")
+        out.append(solution.at(test.points))
     return np.array(out)
 
 
 def history(test: Test) -> Array:
     """Displacements (s, p, 3) mm of a test's points along its whole course."""
-    found = solve(test.case, test.path, count=COUNT)
-    if not found.converged:
-        raise ValueError(f"the truth {found.reason}")
-    return found.at(test.points)
+    solution = solve(test.case, test.path, count=COUNT)
+    if not solution.converged:
+        raise ValueError(f"the truth {solution.reason}")
+    return solution.at(test.points)
 
 
 def slopes(kinds: Sequence[Kind], test: Test) -> Array:
     """Derivatives (v, w, k, p, 3) mm per unit of size of the curves, where nothing is hidden."""
     out = []
-    for way in np.array(WAYS):
-        course = Path(LEVELS, LEVELS, LEVELS, gravity=G * way)
+    for direction in np.array(WAYS):
+        course = Path(LEVELS, LEVELS, LEVELS, gravity=G * direction)
         variations = []
         for kind in kinds:
             h = 1e-3 * kind.range[1]
@@ -99,7 +99,7 @@ def slopes(kinds: Sequence[Kind], test: Test) -> Array:
 
 
 def solved(kind: Kind, test: Test, size: float) -> Array:
-    """What has to be solved of a kind at a size: its curves or its course."""
+    """Solves that a kind of truth needs at a size: its curves or its course."""
     changed = kind.before(test, size)
     if kind.part == "history":
         return history(changed)
@@ -142,10 +142,10 @@ def _respond(
 ) -> tuple[Array, Array, Test]:
     for kind, size in hidden:
         test = kind.before(test, size)
-    found = solve(test.case, test.path, count=count)
-    if not found.converged:
-        raise ValueError(f"the truth {found.reason}; hide less of it")
-    return found.at(test.points), found.per_pressure(test.points), test
+    solution = solve(test.case, test.path, count=count)
+    if not solution.converged:
+        raise ValueError(f"the truth {solution.reason}; hide less of it")
+    return solution.at(test.points), solution.per_pressure(test.points), test
 
 
 def tangents(case: Case, course: Path, points: Array, kind: Kind) -> Array:
@@ -161,12 +161,12 @@ def tangents(case: Case, course: Path, points: Array, kind: Kind) -> Array:
         *(_constant(test, name, 1e-4) for name in ("C10", "C01")),
         Variation((plus.case, plus.path), (minus.case, minus.path), h),
     ]
-    found = solve(test.case, test.path, count=COUNT, variations=variations)
-    if not found.converged:
-        raise ValueError(f"the truth {found.reason}")
-    rows = found.variations_at(test.points)
+    solution = solve(test.case, test.path, count=COUNT, variations=variations)
+    if not solution.converged:
+        raise ValueError(f"the truth {solution.reason}")
+    rows = solution.variations_at(test.points)
     if kind.part == "picture":
-        u = found.at(test.points)
+        u = solution.at(test.points)
         rows[2] = (kind.after(u, test, h) - kind.after(u, test, -h)) / (2 * h)
     return rows
 

@@ -51,7 +51,7 @@ def filmed(**changes: object) -> Filmed:
     fit = trace("generation", 4.0, 0.1)
     given = {
         "size": SIZE, "frame": np.arange(FRAMES), "time_s": TIMES, "names": ("middle", "tip"), "measured": measured,
-        "way": way, "before": 1, "search": Trace(label="", rms_mm=0.1, edge=fit.edge[:4], markers=fit.markers[:4]),
+        "models": way, "before": 1, "search": Trace(label="", rms_mm=0.1, edge=fit.edge[:4], markers=fit.markers[:4]),
         "search_measured": measured[5], "expected_mm": 0.04,
         "error_mm": tuple(np.full((FRAMES, 2), o) + np.eye(FRAMES, 2, -7) for o in OFF),
     }  # fmt: skip
@@ -146,7 +146,7 @@ def test_film_and_models_are_on_each_timeline(recording: Path, entity: str, time
 def test_the_edges_lie_where_the_models_are(recording: Path) -> None:
     found = logged(recording, "/film/test/after/edge", "LineStrips2D:strips", "film_time")
     # the viewer counts pixels from their corner
-    np.testing.assert_allclose(np.array(list(found.values()))[:, 0], filmed().way[2].edge + 0.5, atol=1e-4)
+    np.testing.assert_allclose(np.array(list(found.values()))[:, 0], filmed().models[2].edge + 0.5, atol=1e-4)
     steps = logged(recording, "/film/effect/edge", "LineStrips2D:strips", "effect")
     tops = [np.array(strips[0])[0, 1] for strips in steps.values()]  # type: ignore[index]
     np.testing.assert_allclose(np.diff(tops), np.diff(OFF), atol=1e-4)
@@ -177,7 +177,7 @@ def test_the_views_have_their_names_and_open_at_the_test() -> None:
 
 
 def test_models_are_shown_alone_where_no_effect_was_added() -> None:
-    one = filmed(way=filmed().way[:2], error_mm=filmed().error_mm[:2])
+    one = filmed(models=filmed().models[:2], error_mm=filmed().error_mm[:2])
     assert [model.label for model in one.shown] == ["calibrated"]
     assert [model.label for model in filmed().shown] == ["calibrated", "+ creep"]
 
@@ -204,7 +204,7 @@ def test_each_model_is_painted_at_its_place() -> None:
     width, height = where.shape
     head = 2 * round(CAPTION * width / 2)
     assert both.shape[0] == head + height
-    for panel, colour, model in ((both[:, :width], BEFORE, own.way[1]), (both[:, -width:], AFTER, own.way[2])):
+    for panel, colour, model in ((both[:, :width], BEFORE, own.models[1]), (both[:, -width:], AFTER, own.models[2])):
         rows, columns = np.nonzero(coloured(panel[head:], colour, within=70))
         corner = where.places(model.edge[at])
         # the line is 1 px wide, its sides a mixture of it and the grey

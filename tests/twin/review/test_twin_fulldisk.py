@@ -44,7 +44,7 @@ def filmed():
     seen = np.full((6, 1, 2), 20.0)
     way = tuple(Trace(label=n, rms_mm=0.1, edge=edge, markers=seen + 1.0) for n in ("before", "after"))
     return Filmed(
-        size=SIZE, frame=np.arange(6), time_s=TIMES, names=("tip",), measured=seen, way=way, before=0,
+        size=SIZE, frame=np.arange(6), time_s=TIMES, names=("tip",), measured=seen, models=way, before=0,
         search=way[0], search_measured=seen[0], expected_mm=0.01, error_mm=(np.ones((6, 1)), np.ones((6, 1))),
     )
 """

@@ -1,4 +1,4 @@
-"""What the newest runs of a project say, gathered once for report and recording."""
+"""Results of the newest runs of a project, gathered for report and recording."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +10,8 @@ from twin.effects.labels import name_of
 from twin.judging.fitrecord import ComparisonRecord, FitRecord
 from twin.messages import Say
 from twin.project.folder import Project, Run
-from twin.report.footage import Footage
-from twin.report.onfilm import measured_file, models_on_film
-from twin.report.waypictures import Way
+from twin.report.filmprojection import Footage, measured_file, models_on_film
+from twin.report.modelhistory import ModelHistory
 from twin.review.states import Fields, Generations, Strains
 from twin.study.record import Study
 from twin.targets import Array, Targets
@@ -22,7 +21,7 @@ CHANGES = ("add", "drop")  # the stages that change the effects
 
 @dataclass(frozen=True, kw_only=True)
 class Story:
-    """What the newest runs say; no number is computed here.
+    """Results of the newest runs; no number is computed here.
 
     calibrated: the fit without effects; fit: the newest; start, before, added: comparison of the calibration,
     of what was compared since, and with other effects; not_filmed: why no model lies over the film.
@@ -39,7 +38,7 @@ class Story:
     before: ComparisonRecord | None
     added: ComparisonRecord | None
     fields: Fields | None
-    way: Way
+    history: ModelHistory
     study_file: Path | None
     study: Study | None
     footage: Footage | None
@@ -48,7 +47,7 @@ class Story:
 
     @staticmethod
     def of(project: Project, run: Run, say: Say) -> "Story":
-        """What they say now. ValueError without a calibration."""
+        """Results as of now. ValueError without a calibration."""
         targets = project.targets()
         generations = Generations.load(calibration_file(project, "generations.npz"))
         calibrated = files.read(FitRecord, calibration_file(project, FitRecord.file))
@@ -56,6 +55,7 @@ class Story:
         fields, study = fresh(project, CHANGES, "fields.npz"), fresh(project, ("study",), Study.file)
         filmed, why = models_on_film(project, targets, generations, say)
         strained = measured_file(project, "strain.npz")
+        effects = {name_of(label) for label in fit.effects}
         return Story(
             project=project,
             run=run,
@@ -68,7 +68,7 @@ class Story:
             before=newest(project, ComparisonRecord, ("compare", "calibrate")),
             added=newest(project, ComparisonRecord, CHANGES),
             fields=Fields.load(fields) if fields else None,
-            way=Way.of(project, targets, effects={name_of(e) for e in fit.effects} | set(diagnosis.named)),
+            history=ModelHistory.of(project, targets, effects=effects | set(diagnosis.named)),
             study_file=study,
             study=files.read(Study, study) if study else None,
             footage=Footage(project, filmed) if filmed else None,
@@ -90,32 +90,34 @@ class Story:
 
     @property
     def untested(self) -> bool:
-        """Whether nothing can be said of what is missing, so that the constants are what was found."""
+        """True where missing effects cannot be tested, so that the constants are the result."""
         return self.targets.noise is None or (self.study is not None and not self.diagnosis.ranking)
 
     @property
     def found(self) -> tuple[str, str]:
-        """What the calibration has found, in one sentence, and the others."""
+        """First sentence on the result of the calibration, and the remaining ones."""
         if self.study:
             return self.study.headline, ""
         return _first(self.fit.identifiability or self.calibrated.identifiability)
 
     @property
     def labels(self) -> tuple[str, str]:
-        """What the report calls the model before and the one with the effects that were added."""
+        """Names in the report of the calibrated model and of the present one with its effects."""
         effects = " and ".join(self.fit.effects)
         return "calibrated", f"with {effects}" if effects else "model now"
 
     @property
     def unmended(self) -> tuple[float | None, float | None]:
-        """The error of the model without effects, and the same without shared errors, mm: that of the
-        diagnosis, or of the calibration where effects were in the model before it and it asks for no more."""
+        """Errors in mm of the model without effects, with and without shared errors: from the diagnosis, or
+        from the calibration where effects were in the model before it and it asks for no more. that of the
+        diagnosis, or of the calibration where effects were in the model before it and it asks for no more.
+        """
         if self.fit.effects and self.start is not None and not self.diagnosis.named:
             return self.start.raw_rms_mm, self.start.rms_mm
         return self.diagnosis.raw_rms_before_mm, self.diagnosis.rms_before_mm
 
     def prediction(self, kinds: tuple[str, ...]) -> dict[str, Array]:
-        """What the newest run of these kinds predicted and left, or nothing."""
+        """Prediction and residual of the newest run of these kinds, or nothing."""
         path = fresh(self.project, kinds, "prediction.npz")
         return files.read_npz(path, "u") if path else {}
 
@@ -128,7 +130,7 @@ def calibration_file(project: Project, name: str) -> Path:
     return path
 
 
-def _first(whole: str) -> tuple[str, str]:
+def _first(text: str) -> tuple[str, str]:
     """The first sentence of a text, and the others."""
-    first, _, others = whole.partition(". ")
-    return (first + "." if others else first), others
+    sentence, _, others = text.partition(". ")
+    return (sentence + "." if others else sentence), others

@@ -1,10 +1,11 @@
-"""The models on the way, solved along the film and seen through its camera: what is drawn over the film."""
+"""Models projected on the film: solved along it, seen by its camera, and drawn over it as still and clip."""
 
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +13,7 @@ from twin import files
 from twin.bench.waterfall import Stair, stairs
 from twin.bench.workbench import Workbench
 from twin.drawing.outlines import edge_rows
+from twin.drawing.painting import Image, still
 from twin.inputs.camerarecord import stored_cameras
 from twin.inputs.cameras import camera_path
 from twin.inputs.recordings import marks_of
@@ -25,6 +27,7 @@ from twin.review.states import Generations
 from twin.targets import Array, Targets
 
 if TYPE_CHECKING:  # vision takes a second to import
+    from vision import Video
     from vision.perspective import Projection
 
 MOST = 500  # pictures in which the models are drawn
@@ -37,31 +40,31 @@ def models_on_film(
     project: Project, targets: Targets, generations: Generations, say: Say
 ) -> tuple[Filmed | None, str]:
     """The models over the film; or None, and a clause that says why they cannot be drawn over it."""
-    way, why = stairs(project), _why_not(project)
-    if why or not way or not project.config.cameras:
+    models, why = stairs(project), _why_not(project)
+    if why or not models or not project.config.cameras:
         return None, why
-    return _Sight(project, targets, generations, way, say).filmed(), ""
+    return _Sight(project, targets, generations, models, say).filmed(), ""
 
 
 def _why_not(project: Project) -> str:
-    """What is missing to draw the models over the film; "" if nothing is, or where there is no film."""
+    """Reason why the models cannot be drawn over the film; "" if they can, or where there is no film."""
     if not project.config.cameras or not project.path(project.config.cameras[0].film).is_file():
         return ""  # which the recording says itself
-    said = "the models are not drawn over the film"
+    outcome = "the models are not drawn over the film"
     if measured_file(project, "tracks.npz") is None:
-        return f"{said}: these targets do not come from `twin measure`"
+        return f"{outcome}: these targets do not come from `twin measure`"
     if len(project.config.films) > 1:
-        return f"{said}: the targets hold {len(project.config.films)} films"
+        return f"{outcome}: the targets hold {len(project.config.films)} films"
     try:
         camera_path(project)
     except ValueError as error:
-        return f"{said}: {error}"
+        return f"{outcome}: {error}"
     from vision import Video
 
     if project.config.cameras[0].mirrored:
-        return f"{said}, because it is mirrored: store it left for right"
+        return f"{outcome}, because it is mirrored: store it left for right"
     if Video(project.path(project.config.cameras[0].film)).turns:
-        return f"{said}, because it is stored on its side: store it upright"
+        return f"{outcome}, because it is stored on its side: store it upright"
     return ""
 
 
@@ -73,29 +76,29 @@ def measured_file(project: Project, name: str) -> Path | None:
 
 @dataclass(frozen=True)
 class _Sight:
-    """What is known of film, camera and models."""
+    """Film, camera and models of a project."""
 
     project: Project
     targets: Targets
     generations: Generations
-    way: tuple[Stair, ...]
+    stairs: tuple[Stair, ...]
     say: Say
 
     def filmed(self) -> Filmed:
         """All models in the pictures that are shown."""
-        moved = [self._moved(stair) for stair in self.way]
-        before = max((k for k, stair in enumerate(self.way) if not stair.effects), default=0)
+        moved = [self._moved(stair) for stair in self.stairs]
+        before = max((k for k, stair in enumerate(self.stairs) if not stair.effects), default=0)
         return Filmed(
             size=self._projection.camera.size,
             frame=self._frames[self._steps],
             time_s=self.targets.time[self._steps] - self.targets.time[0],
             names=self.generations.point_names,
             measured=self._seen[self._frames[self._steps]],
-            way=tuple(self._trace(stair, *both) for stair, both in zip(self.way, moved, strict=True)),
+            models=tuple(self._trace(stair, *both) for stair, both in zip(self.stairs, moved, strict=True)),
             before=before,
             search=self._search(moved[before][0]),
             search_measured=self._seen[self._top],
-            expected_mm=self.way[-1].foot_mm,
+            expected_mm=self.stairs[-1].foot_mm,
             error_mm=tuple(self._error(predicted) for _, predicted in moved),
         )
 
@@ -109,7 +112,7 @@ class _Sight:
 
     @cached_property
     def _projection(self) -> "Projection":
-        """How the first camera sees the world in every frame."""
+        """Projection of the first camera in every frame."""
         from vision.perspective import Projection
 
         camera = stored_cameras(camera_path(self.project))[0]
@@ -128,7 +131,7 @@ class _Sight:
 
     @property
     def _begin(self) -> float:
-        """What the clock of the targets is ahead of the film's, s."""
+        """Offset in s of the clock of the targets from the clock of the film."""
         return float(self.targets.time[0] - self._tracks["time"][0])
 
     @property
@@ -138,26 +141,28 @@ class _Sight:
 
     @cached_property
     def _seen(self) -> Array:
-        """Where every marker of the finger is seen in every frame, (t,p,2) px."""
+        """Tracked pixels (t,p,2) of every marker of the finger in every frame."""
         names = list(self._tracks["names"])
         return np.asarray(self._tracks["position"][:, [names.index(n) for n in self.generations.point_names]])
 
     @cached_property
     def _glued(self) -> Array:
-        """How far every marker was glued from its node, (p,3) mm at rest, as the camera sees it."""
+        """Offset (p,3) mm at rest of every marker from its node, as the camera sees it."""
         points = self.generations.points
         frames = self._frames[self.targets.reference]
         places = np.array([self._projection.places(self._seen[f], f, y_mm=points[:, 1]) for f in frames])
-        known = np.isfinite(places)
-        mean = np.where(known, places, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-        return np.asarray(np.where(known.any(axis=0), mean - points, 0.0))
+        visible = np.isfinite(places)
+        mean = np.where(visible, places, 0.0).sum(axis=0) / np.maximum(visible.sum(axis=0), 1)
+        return np.asarray(np.where(visible.any(axis=0), mean - points, 0.0))
 
     def _spots(self, u: Array, frames: Rows) -> Array:
-        """Where a model that moves the nodes by u (s,p,3) mm puts the markers, (s,p,3) mm: what a marker is
-        off its node turns as the marker is seen to turn."""
+        """Positions (s,p,3) mm of the markers for nodes that move by u (s,p,3) mm: the offset of a marker
+        from its node turns as the marker is seen to turn. what a marker is off its node turns as the marker
+        is seen to turn.
+        """
         names = list(self._tracks["names"])
-        own = [names.index(n) for n in self.generations.point_names]
-        turn = np.nan_to_num(self._tracks["rotation"][frames][:, own])
+        columns = [names.index(n) for n in self.generations.point_names]
+        turn = np.nan_to_num(self._tracks["rotation"][frames][:, columns])
         c, s, (x, _, z) = np.cos(turn), np.sin(turn), self._glued.T
         off = np.stack([c * x - s * z, np.zeros_like(turn), s * x + c * z], axis=2)
         return np.asarray(self.generations.points + u + off)
@@ -199,7 +204,7 @@ class _Sight:
         return moved, (files.read_npz(path, "u")["u"] if stair.run else drawn().u)[:, rows]
 
     def _key(self, stair: Stair, values: dict[str, Any]) -> str:
-        """What a solved edge depends on."""
+        """Digest of all that a solved edge depends on."""
         return files.digest_text(
             {
                 "code": code_digest(), "structure": self._bench.structure.key, "effects": stair.effects,
@@ -211,37 +216,81 @@ class _Sight:
 
     def _trace(self, stair: Stair, moved: Array, predicted: Array) -> Trace:
         """The pictures of one model."""
-        at_rest, shown = self.generations.nodes[self._edge], self._frames[self._steps]
+        at_rest, frames = self.generations.nodes[self._edge], self._frames[self._steps]
         return Trace(
             label=stair.done,
             rms_mm=stair.error_mm,
-            edge=self._pictures(at_rest + moved[self._steps], shown),
-            markers=self._pictures(self._spots(predicted[self._steps], shown), shown),
+            edge=self._pictures(at_rest + moved[self._steps], frames),
+            markers=self._pictures(self._spots(predicted[self._steps], frames), frames),
         )
 
     def _search(self, moved: Array) -> Trace:
         """The best of each generation; its displacements count from the rest, the edge's (s,k,3) do not."""
         g = self.generations
-        own = g.nodes[self._edge] + moved[self.targets.reference].mean(axis=0) + g.u[:, self._edge]
-        frames = np.full(len(own), self._top)
+        edge = g.nodes[self._edge] + moved[self.targets.reference].mean(axis=0) + g.u[:, self._edge]
+        frames = np.full(len(edge), self._top)
         markers = self._pictures(self._spots(g.u_points, frames), frames)
         return Trace(
             label="generation",
             rms_mm=float(g.rms_mm[-1]),
-            edge=self._pictures(own, frames),
+            edge=self._pictures(edge, frames),
             markers=markers,
         )
 
     def _pictures(self, places: Array, frames: Rows) -> Array:
         """Pixels (s,n,2) of places (s,n,3) mm, each in its frame."""
-        return np.array([self._projection.pixels(own, int(f)) for own, f in zip(places, frames, strict=True)])
+        pairs = zip(places, frames, strict=True)
+        return np.array([self._projection.pixels(points, int(f)) for points, f in pairs])
 
     def _error(self, predicted: Array) -> Array:
-        """How far a model puts every marker off, (s,p) mm at the steps that are shown; NaN = not seen."""
+        """Distance (s,p) mm of every marker from the model at the displayed steps; NaN = not seen."""
         rows = np.flatnonzero(~self.targets.fixed)
-        left = (self.targets.value[:, rows] - predicted)[self._steps]
-        return np.linalg.norm(left[..., [0, 2]], axis=2)
+        residual = (self.targets.value[:, rows] - predicted)[self._steps]
+        return np.linalg.norm(residual[..., [0, 2]], axis=2)
 
 
 def _parts(steps: Rows) -> list[Rows]:
     return np.array_split(steps, max(1, -(-len(steps) // CHUNK)))
+
+
+@dataclass(frozen=True)
+class Footage:
+    """The film of a project, and the models as its camera would see them."""
+
+    project: Project
+    filmed: Filmed
+
+    @property
+    def film(self) -> "Video":
+        """The film of the first camera."""
+        from vision.film.series import open_film
+
+        table = self.project.config.cameras[0]
+        return open_film(self.project.path(table.film), fps=table.fps, mirrored=table.mirrored)
+
+    @property
+    def worst(self) -> bytes:
+        """PNG of the film at the worst moment, with the models beside each other."""
+        return still(self._frame(int(self.filmed.frame[self.filmed.worst])), self.filmed)
+
+    @property
+    def caption(self) -> str:
+        """Caption of the still."""
+        return (
+            f"At {self.filmed.time_s[self.filmed.worst]:.1f} s of the film, when the model without effects "
+            "is farthest off. Red arrows: from the model's marker to the film's, "
+            f"{self.filmed.magnified} times as long. What many values share, such as a wrong scale, is in "
+            "them, as it is in the errors above."
+        )
+
+    def clip(self, path: Path) -> str:
+        """Write the clip; returns what is to be known of its speed, or nothing."""
+        from twin.drawing.clip import write_clip
+
+        speed = write_clip(path, self.film, self.filmed)
+        return f", {speed:.1f} times as fast as the film" if speed > 1 else ""
+
+    def _frame(self, number: int) -> Image:
+        """A frame of the film, (h,w,3)."""
+        grey = next(picture for index, _, picture in self.film.frames() if index == number)
+        return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)

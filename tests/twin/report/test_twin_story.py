@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from twin.report.found import Story
+from twin.report.story import Story
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
-"""What report and rerun show of the way to the model of now: how the error fell, where it was, and what
-speaks for an effect. No number is computed here."""
+"""Pictures of the models in their order: the fall of the error, its distribution, and the evidence for an
+effect. how the error fell, where it was, and what speaks for an effect. No number is computed here.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,9 +23,9 @@ PARTS = {"residual": "residual", "signature": "{} explains", "left": "left"}  # 
 
 
 @dataclass(frozen=True)
-class Way:
-    """The models on the way, and the evidence for one effect with its maps (s, p, 3) mm, where there is
-    any."""
+class ModelHistory:
+    """Models in their order, and the evidence for one effect with its maps (s, p, 3) mm, where there is any.
+    """
 
     project: Project
     targets: Targets
@@ -33,14 +34,14 @@ class Way:
     maps: dict[str, Array]
 
     @staticmethod
-    def of(project: Project, targets: Targets, *, effects: set[str]) -> "Way":
-        """With the newest evidence for one of these effects."""
+    def of(project: Project, targets: Targets, *, effects: set[str]) -> "ModelHistory":
+        """Models of a project, with the newest evidence for an effect of this set."""
         for path in every_fresh(project, kinds_writing(EvidenceRecord.file), EvidenceRecord.file):
-            found = files.read(EvidenceRecord, path)
-            if effects & {name_of(label) for label in found.effect.split(" + ")}:
+            evidence = files.read(EvidenceRecord, path)
+            if effects & {name_of(label) for label in evidence.effect.split(" + ")}:
                 maps = files.read_npz(path.with_name("evidence.npz"))
-                return Way(project, targets, stairs(project), found, maps)
-        return Way(project, targets, stairs(project), None, {})
+                return ModelHistory(project, targets, stairs(project), evidence, maps)
+        return ModelHistory(project, targets, stairs(project), None, {})
 
     @property
     def law(self) -> str:
@@ -60,21 +61,21 @@ class Way:
 
     @property
     def markdown(self) -> list[str]:
-        """A table of the errors on the way, as lines."""
+        """Lines of a table of the models and their errors."""
         if not self.stairs:
             return []
         last = self.stairs[-1]
         rows = [(row.done, row.error_mm, row.rms_mm) for row in self.stairs]
         rows += [("expected", last.foot_mm, last.noise_sd_mm)]
         lines = ["", "| model | error, mm rms | without shared errors |", "| --- | --- | --- |"]
-        return lines + [f"| {name} | {error:.3g} | {left:.3g} |" for name, error, left in rows]
+        return lines + [f"| {name} | {error:.3g} | {cleaned:.3g} |" for name, error, cleaned in rows]
 
     @cached_property
     def pictures(self) -> dict[str, tuple[str, bytes]]:
         """SVG texts and PNG files by name: error, evidence and residuals, as far as there is something to
         show."""
         drawn = {"error": plots.falling_pictures(**self._fall)} if self.stairs else {}
-        return drawn | {name: plots.residual_pictures(**given) for name, given in self._drawings.items()}
+        return drawn | {name: plots.residual_pictures(**kwargs) for name, kwargs in self._drawings.items()}
 
     @property
     def _fall(self) -> dict[str, Any]:
@@ -83,20 +84,20 @@ class Way:
 
     @property
     def _drawings(self) -> dict[str, dict[str, Any]]:
-        """What the maps are drawn of, by name."""
+        """Arguments of the residual maps, by name."""
         t, rows = self.targets, np.flatnonzero(~self.targets.fixed)
         if len(t.time) < 3:
             return {}
-        found = {"evidence": self._signature(), "residuals": self._residuals()}
+        drawings = {"evidence": self._signature(), "residuals": self._residuals()}
         common = {"time_s": t.time - t.time[0], "names": [t.names[r] for r in rows], "unit": "um"}
         return {
             name: common | {"maps": {title: 1e3 * residual[:, rows] for title, residual in maps.items()}}
-            for name, maps in found.items()
+            for name, maps in drawings.items()
             if maps
         }
 
     def _signature(self) -> dict[str, Array]:
-        """The residual, what the effect explains of it and what it leaves, by title."""
+        """Residual, its part explained by the effect, and the remainder, by title."""
         return {PARTS[name].format(self.law): self.maps[name] for name in PARTS if name in self.maps}
 
     def _residuals(self) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""The undeformed finger for rerun: surface, nodes, points, marks and dimensions, and the drawing of it."""
+"""Recordings of the finger alone for rerun: undeformed with its dimensions, and its predicted shapes."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +13,7 @@ from fe.mesh.mirror import symmetry_support
 from twin.bodies.body import Sketch
 from twin.review.arrangement import alone, finger_view
 from twin.review.rerunfile import rerun_file
-from twin.review.scene import still
+from twin.review.scene import REST, colours, normals, round_up, still
 from twin.targets import Array
 
 SKIN, NODE = (206, 214, 221), (60, 72, 84)
@@ -44,8 +44,8 @@ def write_undeformed(
         size = 0.009 * float(np.ptp(case.nodes, axis=0).max())
         for name, places, colour in (("points", points, POINT), ("marks", marks, MARK)):
             if places:
-                at = list(places.values())
-                dots = rr.Points3D(at, labels=list(places), colors=colour, radii=size)
+                positions = list(places.values())
+                dots = rr.Points3D(positions, labels=list(places), colors=colour, radii=size)
                 recording.log(f"finger/{name}", dots, static=True)
         recording.log("drawing", rr.EncodedImage(contents=drawing, media_type="image/png"), static=True)
 
@@ -53,7 +53,7 @@ def write_undeformed(
 def _entities(
     case: Case, triangles: Integers, sketch: Sketch | None
 ) -> dict[str, rr.Mesh3D | rr.Points3D | rr.LineStrips3D]:
-    """What is drawn of the finger; of a half model the computed half is solid, nothing is mirrored."""
+    """Entities of the finger; of a half model the computed half is solid and nothing is mirrored."""
     radius = 0.0025 * float(np.ptp(case.nodes, axis=0).max())
     nodes = rr.Points3D(
         case.nodes, radii=radius, colors=NODE, labels=[str(n) for n in case.labels], show_labels=False
@@ -69,16 +69,16 @@ def dimension_lines(case: Case, sketch: Sketch | None) -> dict[str, tuple[Array,
     low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
     width = float(high[1] - low[1]) * (1.0 if symmetry_support(case) is None else 2.0)
     aside = ASIDE * float(high[0] - low[0])
-    near, top, left = high[1] + aside, high[2] + aside, low[0] - aside
-    found = {
+    near, top, front = high[1] + aside, high[2] + aside, low[0] - aside
+    lines = {
         f"length {high[0] - low[0]:.4g} mm": ((low[0], near, top), (high[0], near, top)),
-        f"height {high[2] - low[2]:.4g} mm": ((left, near, low[2]), (left, near, high[2])),
-        f"width {width:.4g} mm": ((left, high[1] - width, top), (left, high[1], top)),
+        f"height {high[2] - low[2]:.4g} mm": ((front, near, low[2]), (front, near, high[2])),
+        f"width {width:.4g} mm": ((front, high[1] - width, top), (front, high[1], top)),
     }
     line = top - aside / 2
     for arrow in () if sketch is None else sketch.side:
-        found[f"{arrow.text} mm"] = ((arrow.start[0], near, line), (arrow.end[0], near, line))
-    return {text: (np.array(a), np.array(b)) for text, (a, b) in found.items()}
+        lines[f"{arrow.text} mm"] = ((arrow.start[0], near, line), (arrow.end[0], near, line))
+    return {text: (np.array(a), np.array(b)) for text, (a, b) in lines.items()}
 
 
 def _views(case: Case) -> rrb.Blueprint:
@@ -86,3 +86,39 @@ def _views(case: Case) -> rrb.Blueprint:
     finger = finger_view("/finger", VIEWS[0], low=case.nodes.min(axis=0), high=case.nodes.max(axis=0))
     drawing = rrb.Spatial2DView(origin="/drawing", name=VIEWS[1])
     return alone(rrb.Tabs(finger, drawing, active_tab=0, name="look"), rrb.TimePanel(state="hidden"))
+
+
+HELD, FOLLOWED = "pressure_Pa", "time"  # the timeline of each
+
+
+@np.errstate(under="ignore")  # normals of nearly plane parts end in exact zeros
+def write_shapes(
+    path: Path, *, nodes: Array, triangles: Integers, u: Array, pressure: Array, time: Array, held: bool
+) -> None:
+    """Write the rerun file `path`, atomically.
+
+    nodes (n, 3) mm at rest, triangles (t, 3) of the surface, u (s, n, 3) mm, pressure (s,) MPa, time (s,) s:
+    of states that are held each by itself, scrubbed by the pressure, or follow each other in time.
+    """
+    used, flat = np.unique(triangles, return_inverse=True)
+    rest, corners, moved = nodes[used], flat.reshape(-1, 3).astype(np.int64), u[:, used]
+    place = (rest + moved).astype(np.float32)
+    size = np.linalg.norm(moved, axis=-1)
+    both = np.concatenate([rest[None], place]).reshape(-1, 3)
+    name = HELD if held else FOLLOWED
+    view = finger_view("/finger", f"scrub {name}", low=both.min(axis=0), high=both.max(axis=0))
+    panel = rrb.TimePanel(timeline=name, state="collapsed")
+    with rerun_file(path, alone(rrb.Tabs(view, name="predict"), panel)) as recording:
+        recording.log("finger/rest", still(rest, corners, colour=REST, inside=0.01), static=True)
+        recording.log("finger/mesh", rr.Mesh3D.from_fields(triangle_indices=corners), static=True)
+        column = (
+            rr.TimeColumn(name, sequence=(1e6 * pressure).round().astype(int))
+            if held
+            else rr.TimeColumn(name, duration=time)
+        )
+        mesh = rr.Mesh3D.columns(
+            vertex_positions=place.reshape(-1, 3),
+            vertex_normals=np.concatenate([normals(state, corners) for state in place]),
+            vertex_colors=colours(size, top=round_up(float(size.max()))).reshape(-1, 3),
+        )
+        recording.send_columns("finger/mesh", [column], mesh.partition([len(rest)] * len(place)))
