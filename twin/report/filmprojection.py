@@ -278,9 +278,9 @@ class Footage:
         """Caption of the still."""
         return (
             f"At {self.filmed.time_s[self.filmed.worst]:.1f} s of the film, when the model without effects "
-            "is farthest off. Red arrows: from the model's marker to the film's, "
-            f"{self.filmed.magnified} times as long. What many values share, such as a wrong scale, is in "
-            "them, as it is in the errors above."
+            "is farthest off. Red arrows point from the model's marker to the film's, "
+            f"magnified {self.filmed.magnified} times. They include errors that many values share, such as a "
+            "wrong scale, like the errors above."
         )
 
     def clip(self, path: Path) -> str:

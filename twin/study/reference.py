@@ -26,7 +26,7 @@ from twin.study.identifiability import difference
 from twin.study.loadpathfit import OnPaths
 from twin.study.record import Initial, PointCurve, PointCurves, RidgeLine, Side, Start, Study
 from twin.study.ridges import ridge
-from twin.study.separability import Sensitivities, Separation, separation, spots
+from twin.study.separability import Sensitivities, Separation, spots
 from twin.targets import Array
 
 CURVE = 61  # pressures of a curve
@@ -94,7 +94,7 @@ class Reference:
             ridge=RidgeLine(share=line.share.tolist(), total_MPa=line.total.tolist(),
                             rms_mm=line.rms_mm.tolist(),
                             agreeing_share=line.agreeing(sd_mm=sd_mm, count=len(names))),
-            known=Separation(**separation(*accuracy)),
+            known=Separation.of(*accuracy),
             readings=sensitivities.readings(*accuracy),
             plans=sensitivities.plans(*accuracy, names=names, component=o.component, top=self.top),
             curves=self.curves(initial, final),

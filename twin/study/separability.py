@@ -8,7 +8,7 @@ the model is taken as exact, so these are limits set by geometry and material.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,26 @@ class Separation(Record):
     share_sd: float | None = Field(description="null where it is left open")
     correlation: float
     wanted_sd_mm: float | None = Field(description="error of all readings for a `share_sd` of 0.1")
+
+    @classmethod
+    def of(cls, information: Array, constants: Constants, sd_mm: float, **fields: Any) -> Self:
+        """Accuracy from the Fisher information (2, 2) in 1/MPa2 of readings with an error sd_mm.
+
+        The information is on C10 and C01. The share is s = C01 / (C10 + C01) with the gradient g =
+        (-C01, C10) / (C10 + C01)^2, and var(s) = g' information^-1 g. fields: further ones of a subclass.
+
+        >>> from twin.laws.mooneyrivlin import mooney_rivlin
+        >>> print(Separation.of(np.diag([1e4, 1e4]), mooney_rivlin(0.2, 0.1), 1.0))
+        share_sd=0.02484... correlation=0.0 wanted_sd_mm=4.02...
+        """
+        eigenvalues = np.linalg.eigvalsh(information)
+        if eigenvalues[0] <= SINGULAR * eigenvalues[1]:
+            return cls(share_sd=None, correlation=-1.0, wanted_sd_mm=None, **fields)
+        covariance = np.linalg.inv(information)
+        gradient = np.array([-constants["C01"], constants["C10"]]) / constants.scale**2
+        sd, share_sd = np.sqrt(np.diag(covariance)), math.sqrt(gradient @ covariance @ gradient)
+        fields |= {"wanted_sd_mm": sd_mm * KNOWN / share_sd}
+        return cls(share_sd=share_sd, correlation=float(covariance[0, 1] / (sd[0] * sd[1])), **fields)
 
     @property
     def sd(self) -> float:
@@ -64,22 +84,6 @@ class FurtherReadings(Separation):
     count: int
 
 
-def separation(information: Array, constants: Constants, sd_mm: float) -> dict[str, Any]:
-    """Fields of `Separation` from the Fisher information (2, 2) on C10 and C01 in 1/MPa2.
-
-    sd_mm: error of the readings behind it. The share is s = C01 / (C10 + C01), its gradient
-    (-C01, C10) / (C10 + C01)^2, and var(s) = gradient' information^-1 gradient.
-    """
-    eigenvalues = np.linalg.eigvalsh(information)
-    if eigenvalues[0] <= SINGULAR * eigenvalues[1]:
-        return {"share_sd": None, "correlation": -1.0, "wanted_sd_mm": None}
-    covariance = np.linalg.inv(information)
-    gradient = np.array([-constants["C01"], constants["C10"]]) / constants.scale**2
-    sd, share_sd = np.sqrt(np.diag(covariance)), math.sqrt(gradient @ covariance @ gradient)
-    return {"share_sd": share_sd, "correlation": float(covariance[0, 1] / (sd[0] * sd[1])),
-            "wanted_sd_mm": sd_mm * KNOWN / share_sd}  # fmt: skip
-
-
 @dataclass(frozen=True, kw_only=True)
 class Spot:
     """A point that could be read: its name, its node and its position (3,) mm."""
@@ -92,16 +96,14 @@ class Spot:
 def spots(case: Case, targets: Targets, rows: Sequence[int]) -> tuple[Spot, ...]:
     """Points of these rows of the targets, and nodes evenly along x on the line through the first of them."""
     places, near = targets.places(case.position)[rows], 1e-6 * float(np.ptp(case.nodes, axis=0).max())
-    points = [targets.points[r].node or 0 for r in rows]
-    out = [Spot(name=targets.names[r], node=n, place=x) for r, n, x in zip(rows, points, places, strict=True)]
+    nodes = [targets.points[r].node or 0 for r in rows]
+    out = [Spot(name=targets.names[r], node=n, place=x) for r, n, x in zip(rows, nodes, places, strict=True)]
     line = np.flatnonzero((np.abs(case.nodes[:, 1:] - places[0, 1:]) < near).all(axis=1))
     x = case.nodes[line, 0]
-    if len(line) >= ALONG:
-        grid = np.linspace(x.min(), x.max(), ALONG + 1)[1:]
-        for row in dict.fromkeys(int(line[np.argmin(np.abs(x - v))]) for v in grid):
-            if (node := int(case.labels[row])) not in points:
-                place = case.nodes[row]
-                out.append(Spot(name=f"x = {place[0]:.0f} mm", node=node, place=place))
+    grid = np.linspace(x.min(), x.max(), ALONG + 1)[1:] if len(line) >= ALONG else ()
+    for row in dict.fromkeys(int(line[np.argmin(np.abs(x - v))]) for v in grid):
+        place, node = case.nodes[row], int(case.labels[row])
+        out += [] if node in nodes else [Spot(name=f"x = {place[0]:.0f} mm", node=node, place=place)]
     return tuple(out)
 
 
@@ -116,48 +118,48 @@ class Sensitivities:
     jacobian: Array
 
     @staticmethod
-    def of(model: Model, theta: Array, *, spots: Sequence[Spot], top: float) -> "Sensitivities":
-        """Sensitivities at theta (2,) and LEVELS of the top pressure in MPa, as far as equilibria exist.
+    def of(
+        model: Model, theta: Array, *, spots: Sequence[Spot], top: float, levels: Sequence[float] = LEVELS
+    ) -> "Sensitivities":
+        """Sensitivities at theta (2,) and levels of the top pressure in MPa, as far as equilibria exist.
         Raises Unsolvable where there is none at the top pressure itself."""
-        path, test = model.test.path, model.test
+        path, pressure, time = model.test.path, top * np.array(levels), np.arange(len(levels) + 1.0)
         row = path.outside_at(path.output[[int(np.argmax(path.at_output()))]])[0]
-        test = replace(test, points=np.array([s.place for s in spots]), moving=np.ones(len(spots), bool),
-                       names=tuple(s.name for s in spots))  # fmt: skip
-        model = replace(model, reference=np.array([0]), rests=None, parent=None, mesh=None)
-        for levels in (LEVELS[:end] for end in range(len(LEVELS), LEVELS.index(1.0), -1)):
-            pressure, time = top * np.array(levels), np.arange(len(levels) + 1.0)
-            course = Path(time, np.append(0.0, pressure), time, **path.under(row))
-            try:
-                at_levels = replace(model, test=replace(test, path=course))
-                jacobian, u = at_levels.jacobian(theta), at_levels.predict(theta)
-            except Unsolvable:
-                if levels[-1] <= 1.0:
-                    raise
-            else:
-                return Sensitivities(
-                    spots=tuple(spots), pressure=pressure, u=u[1:], jacobian=jacobian[:, 1:]
-                )
-        raise AssertionError
+        test = replace(
+            model.test, path=Path(time, np.append(0.0, pressure), time, **path.under(row)),
+            points=np.array([s.place for s in spots]), moving=np.ones(len(spots), bool),
+            names=tuple(s.name for s in spots),
+        )  # fmt: skip
+        probe = replace(model, test=test, reference=np.array([0]), rests=None, parent=None, mesh=None)
+        try:
+            jacobian, u = probe.jacobian(theta), probe.predict(theta)
+        except Unsolvable:
+            if levels[-1] <= 1.0:
+                raise
+            return Sensitivities.of(model, theta, spots=spots, top=top, levels=levels[:-1])
+        return Sensitivities(spots=tuple(spots), pressure=pressure, u=u[1:], jacobian=jacobian[:, 1:])
 
     def information(self, mask: NDArray[np.bool_], sd_mm: float) -> Array:
         """Fisher information (2, 2) in 1/MPa2 of the readings in a mask (s, p, 3), each with an sd in mm."""
         rows = self.jacobian[:, mask] / sd_mm
         return np.asarray(rows @ rows.T)
 
+    def _with(self, information: Array, index: Any, sd_mm: float) -> tuple[Array, int]:
+        """Information with the readings of an index added, and their number."""
+        mask = np.zeros(self.u.shape, bool)
+        mask[index] = True
+        return information + self.information(mask, sd_mm), int(mask.sum())
+
     def readings(self, information: Array, constants: Constants, sd_mm: float) -> list[FurtherReading]:
         """All single readings, the most informative first. information (2, 2): of the present targets."""
-        rows = []
-        for s, p, i in np.ndindex(self.u.shape):
-            mask, spot = np.zeros(self.u.shape, bool), self.spots[p]
-            mask[s, p, i] = True
-            total = information + self.information(mask, sd_mm)
-            rows.append(
-                FurtherReading(
-                    point=spot.name, node=spot.node, x_mm=float(spot.place[0]), direction=f"U{i + 1}",
-                    pressure_MPa=float(self.pressure[s]), u_mm=float(self.u[s, p, i]),
-                    **separation(total, constants, sd_mm),
-                )
-            )  # fmt: skip
+        rows = [
+            FurtherReading.of(
+                self._with(information, (s, p, i), sd_mm)[0], constants, sd_mm, point=self.spots[p].name,
+                node=self.spots[p].node, x_mm=float(self.spots[p].place[0]), direction=f"U{i + 1}",
+                pressure_MPa=float(self.pressure[s]), u_mm=float(self.u[s, p, i]),
+            )
+            for s, p, i in np.ndindex(self.u.shape)
+        ]  # fmt: skip
         return sorted(rows, key=lambda r: r.sd)
 
     def plans(
@@ -175,21 +177,14 @@ class Sensitivities:
         unread = [i for i in visible if i != component]
         ramp = f"at {len(steps)} pressures up to {1e3 * top:.3g} kPa"
         here, there = " and ".join(names), f"{len(everywhere)} points"
-        designs: list[tuple[str, tuple[Any, Any, Any]]] = [
-            (f"{_u(unread)} of {here} at the same pressure", (steps[-1:], points, unread)),
-            (f"{_u([component])} of {here} {ramp}", (steps[:-1], points, [component])),
-            (f"{_u(visible)} of {here} {ramp}", (steps, points, visible)),
-            (f"{_u(visible)} of {there} {ramp}", (steps, everywhere, visible)),
-        ]
         plans = []
-        for words, index in designs:
-            mask = np.zeros(self.u.shape, bool)
-            mask[np.ix_(*index)] = True
-            total = information + self.information(mask, sd_mm)
-            accuracy = separation(total, constants, sd_mm)
-            plans.append(FurtherReadings(words=words, count=int(mask.sum()), **accuracy))
+        for components, where, when, index in (
+            (unread, here, "at the same pressure", (steps[-1:], points)),
+            ([component], here, ramp, (steps[:-1], points)),
+            (visible, here, ramp, (steps, points)),
+            (visible, there, ramp, (steps, everywhere)),
+        ):
+            total, count = self._with(information, np.ix_(*index, components), sd_mm)
+            words = f"{' and '.join(f'U{i + 1}' for i in components)} of {where} {when}"
+            plans.append(FurtherReadings.of(total, constants, sd_mm, words=words, count=count))
         return plans
-
-
-def _u(components: Sequence[int]) -> str:
-    return " and ".join(f"U{i + 1}" for i in components)
