@@ -178,13 +178,14 @@ class Sensitivities:
         ramp = f"at {len(steps)} pressures up to {1e3 * top:.3g} kPa"
         here, there = " and ".join(names), f"{len(everywhere)} points"
         plans = []
-        for components, where, when, index in (
+        designs: tuple[tuple[list[int], str, str, Any], ...] = (
             (unread, here, "at the same pressure", (steps[-1:], points)),
             ([component], here, ramp, (steps[:-1], points)),
             (visible, here, ramp, (steps, points)),
             (visible, there, ramp, (steps, everywhere)),
-        ):
-            total, count = self._with(information, np.ix_(*index, components), sd_mm)
+        )
+        for components, where, when, index in designs:
+            total, count = self._with(information, np.ix_(*index, np.array(components)), sd_mm)
             words = f"{' and '.join(f'U{i + 1}' for i in components)} of {where} {when}"
             plans.append(FurtherReadings.of(total, constants, sd_mm, words=words, count=count))
         return plans
