@@ -21,7 +21,7 @@ from twin.review.rerunfile import rerun_file
 from twin.review.scene import Scene, States, log_constants, log_states, scene_of
 from twin.review.states import Array, Fields, Generations, Integers, Strains
 from twin.review.strainlayer import log_strains
-from vision.film.video import opened
+from vision.film.video import film_stream, opened
 
 SERIES = ((86, 180, 233), (230, 159, 0), (0, 190, 140), (204, 121, 167), (240, 228, 66), (213, 94, 0))
 REVIEW_WIDTH = 1280  # px: wider films are scaled down for review
@@ -100,7 +100,7 @@ def encode_av1(film: Path) -> bytes:
     os.environ.setdefault("SVT_LOG", "1")
     copy = io.BytesIO()  # a full disk is met by the one file that holds it
     with opened(film) as source, av.open(copy, "w", format="mp4") as target:
-        video = source.streams.video[0]
+        video = source.streams.video[film_stream(film)[0]]
         # One thread: what several tell each other costs a fifth of the processor.
         options = {"preset": "12", "crf": "32", "svtav1-params": "lp=1"}
         stream = target.add_stream("libsvtav1", rate=video.average_rate, options=options)
@@ -133,7 +133,7 @@ def _video(film: Path | None, times: Array) -> tuple[rr.AssetVideo | None, Integ
         return None, np.zeros(0, dtype=np.int64), scale, [why]
     notes = []
     with opened(film) as source:
-        stream = source.streams.video[0]
+        stream = source.streams.video[film_stream(film)[0]]
         small = np.array(_review_size(stream)) / (stream.width, stream.height)
     try:
         data, scale = encode_av1(film), small

@@ -12,6 +12,7 @@ from vision.calibration import lens
 from vision.calibration.rejectedpictures import MIN_LEFT, Rejected, area, empty_corners, why, without_outliers
 from vision.camera import Array, Camera, Image
 from vision.film.picturefaults import board_edge_sd, picture_trouble
+from vision.film.series import read_picture as read_levels
 from vision.plane import fit_homography, to_plane
 
 MIN_IMAGES = 6
@@ -109,10 +110,7 @@ def _fitted(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[list[len
 def read_picture(path: Path, board: Board, *, mirrored: bool = False) -> Image:
     """A board picture in grey, black on white, and left for right where it is mirrored. Raises ValueError
     when there is none."""
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
-    if picture is None:
-        raise ValueError(f"board image {path} is missing or cannot be read: give a PNG or JPEG file")
-    grey = board.black_on_white(np.asarray(picture, dtype=np.uint8))
+    grey = board.black_on_white(read_levels(path))
     return flipped(grey) if mirrored else grey
 
 

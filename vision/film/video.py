@@ -11,6 +11,7 @@ import av
 import numpy as np
 from av.container import InputContainer
 from av.packet import Packet
+from av.stream import Disposition
 from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
@@ -27,6 +28,7 @@ WHOLE = "Film whole pictures (25p, not 50i), or make two of each frame (FFmpeg's
 CONTAINERS = (
     "mov,matroska,avi,mpegts,mpeg,asf,flv,ogg,mxf,dv,nut,ivf,gif,mjpeg,m4v,h264,hevc,av1,obu,yuv4mpegpipe"
 )
+RAW = ("h264", "hevc", "vvc", "m4v", "mjpeg", "mpegvideo", "av1", "obu", "h263", "dirac")  # no time stamps
 _PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "nv12", "gray")
 
 
@@ -41,12 +43,21 @@ class Video:
     """
 
     _in_order = False  # whether the frames' own stamps are of no use, only their order
+    _stream = 0  # which of the file's videos
+    _before: int | None = None  # stamp of the first frame that can be decoded, where others stand before it
+    _undecoded = ""  # sentence on those
 
     def __init__(self, path: Path | str, *, mirrored: bool = False) -> None:
         self.path, self.mirrored = Path(path), mirrored
         if not self.path.is_file():
             raise ValueError(f"film {self.path} does not exist: give the path of a video file")
+        if self.path.suffix.lower() in (".tif", ".tiff"):
+            raise ValueError(
+                f"film {self.path} is a TIFF: wanted a video file, or a folder of pictures, one in a file; "
+                "split a stack, with times.csv or fps"
+            )
         try:
+            self._stream, streams = film_stream(self.path)
             frame, stamps, backwards = self._scan()
         except (av.error.FFmpegError, IndexError) as error:
             raise ValueError(
@@ -60,18 +71,34 @@ class Video:
         self._in_order = backwards > 0
         issues = stamp_issues(self.path.name, self.time, backwards, 90 * self.turns)
         self.issues: tuple[str, ...] = (*issues, *_interlaced(self.path.name, frame))
+        self.issues += tuple(filter(None, (self._undecoded, _several(self.path.name, streams, size))))
 
     def _scan(self) -> tuple[VideoFrame, Array, int]:
         """First frame, time stamps (t,) s of all frames, number of them that run backwards."""
         frame = next(self._decoded(), None)
         with opened(self.path) as container:
-            stream = container.streams.video[0]
+            stream = container.streams.video[self._stream]
             reorders = bool(stream.codec_context.has_b_frames)
             base = float(stream.time_base or 0)
-            packets = [p.pts for p in _packets(container) if p.pts is not None and not p.is_discard]
-        if frame is None or not packets:
+            packets = [p.pts for p in self._packets(container) if p.pts is not None and not p.is_discard]
+            raw = container.format.name in RAW
+        if frame is None or not (packets or raw):
             raise ValueError(f"film {self.path} holds no frame that can be decoded: record or copy it again")
+        if raw:
+            raise ValueError(
+                f"film {self.path} holds no time stamps, as a raw stream of the coder has none: wanted the "
+                f"time of each frame; copy it into a container with its frame rate (`ffmpeg -framerate 30 -i "
+                f"{self.path.name} -c copy {self.path.stem}.mp4`), or give its pictures with times.csv"
+            )
         stamps = np.asarray(packets, dtype=np.float64)
+        if frame.pts is not None and (before := stamps < frame.pts).any():  # begins amid a group of pictures
+            self._before = int(frame.pts)
+            self._undecoded = (
+                f"{self.path.name} begins within a group of pictures: its first {int(before.sum())} frames "
+                f"cannot be decoded and are left out. Its first frame is the one shown "
+                f"{(frame.pts - stamps.min()) * base:.3f} s later: film_start_s is the time of that one."
+            )
+            stamps = stamps[~before]
         # Where frames refer to later ones, some containers (AVI, some MP4) hold decoding times in place of
         # display times. The decoder's order is then the right one; only decoding shows what it is.
         backwards = 0
@@ -94,15 +121,26 @@ class Video:
         after: s; only frames from the last key frame before it are decoded.
         """
         with opened(self.path) as container:
-            stream = container.streams.video[0]
+            stream = container.streams.video[self._stream]
             stream.codec_context.thread_count = DECODING_THREADS
             if after is not None and stream.time_base:
                 container.seek(int(after / float(stream.time_base)), stream=stream)
-            for packet in _packets(container):
+            for packet in self._packets(container):
                 try:
                     yield from packet.decode()
                 except av.error.InvalidDataError:
                     continue
+
+    def _packets(self, container: InputContainer) -> Iterator[Packet]:
+        """Packets of the film; a file that was cut off ends where it was cut."""
+        packets = container.demux(container.streams.video[self._stream])
+        while True:
+            try:
+                yield next(packets)
+            except StopIteration:
+                return
+            except (av.error.InvalidDataError, av.error.EOFError):
+                return
 
     def frames(self, first: int = 0, stop: int | None = None) -> Iterator[tuple[int, float, Image]]:
         """Frames in the order they are shown: (index into `time`, time s, grey levels (h,w)).
@@ -144,12 +182,12 @@ class Video:
     def coding(self) -> Coding:
         """Coding of the film, from its packets."""
         with opened(self.path) as container:
-            stream = container.streams.video[0]
+            stream = container.streams.video[self._stream]
             name, base = stream.codec_context.name, float(stream.time_base or 0)
             simple = is_simple(name, stream.codec_context.profile)
             packets = [
-                (p.pts, p.size, bool(p.is_keyframe)) for p in _packets(container)
-                if p.pts is not None and not p.is_discard
+                (p.pts, p.size, bool(p.is_keyframe)) for p in self._packets(container)
+                if p.pts is not None and not p.is_discard and (self._before is None or p.pts >= self._before)
             ]  # fmt: skip
         stamps = [pts for pts, _, _ in packets]
         rows = np.arange(len(packets))
@@ -168,16 +206,28 @@ def opened(film: Path) -> InputContainer:
     return av.open(str(film), container_options={"format_whitelist": CONTAINERS})
 
 
-def _packets(container: InputContainer) -> Iterator[Packet]:
-    """Packets of the film; a file that was cut off ends where it was cut."""
-    packets = container.demux(container.streams.video[0])
-    while True:
-        try:
-            yield next(packets)
-        except StopIteration:
-            return
-        except (av.error.InvalidDataError, av.error.EOFError):
-            return
+def film_stream(path: Path) -> tuple[int, int]:
+    """Number of the video stream to read, the largest that is no cover and no still; and how many there are
+    besides covers and stills."""
+    with opened(path) as container:
+        streams = list(container.streams.video)
+        if len(streams) == 1:
+            return 0, 1
+        frames = [0] * len(streams)
+        for packet in container.demux(streams):
+            frames[streams.index(packet.stream)] += packet.pts is not None
+            if min(frames) > 1:
+                break
+        covers = [bool(stream.disposition & Disposition.attached_pic) for stream in streams]
+    films = [k for k in range(len(streams)) if frames[k] > 1 and not covers[k]] or list(range(len(streams)))
+    return max(films, key=lambda k: (streams[k].width * streams[k].height, -k)), len(films)
+
+
+def _several(name: str, streams: int, size: tuple[int, int]) -> str:
+    """A sentence where a file holds several videos (streams), of which one is read."""
+    if streams < 2:
+        return ""
+    return f"{name} holds {streams} videos: the largest is read, of {size[1]} x {size[0]} px."
 
 
 def _luma(frame: VideoFrame) -> Image:

@@ -151,7 +151,7 @@ def test_a_frame_that_cannot_be_decoded_shifts_no_other(tmp_path: Path) -> None:
     assert 4 not in [index for index, *_ in shown]
 
 
-def pictures(folder: Path, suffix: str, names: Sequence[int]) -> Path:
+def pictures(folder: Path, suffix: str, names: Sequence[object]) -> Path:
     folder.mkdir()
     for level, name in enumerate(names):
         assert cv2.imwrite(str(folder / f"frame{name}{suffix}"), picture(level))
@@ -162,8 +162,9 @@ def pictures(folder: Path, suffix: str, names: Sequence[int]) -> Path:
 def test_pictures_are_a_film_in_the_order_of_their_numbers(suffix: str, tmp_path: Path) -> None:
     film = open_film(
         pictures(tmp_path / "run1", suffix, [8, 9, 10, 11, 100]), fps=20.0
-    )  # by name 10 is before 8
-    np.testing.assert_allclose(film.time, np.arange(5) / 20.0)
+    )  # by name 10 is before 8, and 88 are missing before 100
+    np.testing.assert_allclose(film.time, np.array([0, 1, 2, 3, 92]) / 20.0)
+    assert any("missing in 1 places" in sentence for sentence in film.issues)
     where = [block(grey) for *_, grey in film.frames()]
     np.testing.assert_allclose(where, 15.5 + 4.0 * np.arange(5), atol=0.3)
     assert (film.width, film.height) == (96, 64)
@@ -219,3 +220,127 @@ def test_pictures_that_are_no_film(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match="holds no picture"):
         open_film(tmp_path / "empty", fps=10.0)
+
+
+@pytest.mark.parametrize(
+    ("names", "fps", "times"),
+    [
+        (["0.35", "0.4", "0.4501", "0.5", "0.55"], 20.0, [0, 0.05, 0.1001, 0.15, 0.2]),  # s
+        (["1732650014.0031", "1732650014.1000012", "1732650014.2035", "1732650014.3"], 10.0, [0, 0.0969012, 0.2004, 0.2969]),
+        (["173265001", "173265052", "173265099", "173265151"], 20.0, [0, 0.051, 0.098, 0.15]),  # ms
+        (["000", "020", "040", "080"], 20.0, [0, 1, 2, 4]),  # every 20th, one missing
+        (["1.0001", "1.0002", "1.0003"], 20.0, [0, 0.05, 0.1]),  # counted behind a point
+        (["0001-3", "0002-17", "0003-20", "0004-20"], 20.0, [0, 0.05, 0.1, 0.15]),
+    ],
+)  # fmt: skip
+def test_numbers_in_names_are_order_and_times(
+    names: list[str], fps: float, times: list[float], tmp_path: Path
+) -> None:
+    film = open_film(pictures(tmp_path / "run", ".png", names), fps=fps)
+    np.testing.assert_allclose(film.time, times, atol=1e-9)
+    where = [block(grey) for *_, grey in film.frames()]
+    np.testing.assert_allclose(where, 15.5 + 4.0 * np.arange(len(names)), atol=0.3)
+
+
+@pytest.mark.parametrize(
+    ("names", "sentence"),
+    [
+        (["1", "2", "02"], "have the same number"),
+        (["1.9", "1.10", "1.90"], "have the same number"),
+        (["1.8", "1.9", "1.10"], "may have decimal numbers, or count behind the point"),
+        (["1", "2", "-3"], "names of two forms"),
+        (["000", "050", "100"], "go up by 50, which may be time stamps in ms or count pictures at fps = 20"),
+        (["1000", "1130", "1255"], "neither count pictures nor are time stamps at fps = 20"),
+    ],
+)
+def test_numbers_that_say_no_order_or_no_time_are_refused(
+    names: list[str], sentence: str, tmp_path: Path
+) -> None:
+    folder = pictures(tmp_path / "run", ".png", names)
+    with pytest.raises(ValueError, match=sentence):
+        open_film(folder, fps=20.0)
+    rows = "".join(f"frame{name}.png,{0.1 * k}\n" for k, name in enumerate(names))
+    (folder / "times.csv").write_text("file,time_s\n" + rows)
+    where = [block(grey) for *_, grey in open_film(folder).frames()]
+    np.testing.assert_allclose(where, 15.5 + 4.0 * np.arange(len(names)), atol=0.3)
+
+
+def test_what_systems_leave_beside_pictures_is_passed_over(tmp_path: Path) -> None:
+    folder = pictures(tmp_path / "run", ".png", [1, 2])
+    for name in (".DS_Store", "Thumbs.db", "._frame1.png"):
+        (folder / name).write_bytes(b"x")
+    assert len(open_film(folder, fps=10.0).time) == 2
+
+
+@pytest.mark.parametrize(("bits", "left"), [(10, 0), (12, 0), (14, 0), (16, 0), (12, 4)])
+def test_pictures_of_more_bits_keep_their_grey_levels(bits: int, left: int, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    for level in range(3):  # the first one is dark: all have one scale
+        grey = (picture(level).astype(np.uint16) << (bits - 8)) // (4 if level == 0 else 1)
+        assert cv2.imwrite(str(folder / f"f{level}.png"), grey << left)
+    film = open_film(folder, fps=10.0)
+    shown = [grey for *_, grey in film.frames()]
+    np.testing.assert_array_equal(shown[2], picture(2))
+    assert shown[0].max() == 50
+    assert any(f"{bits} bits" in sentence for sentence in film.issues) == (bits + left < 16)
+
+
+def test_stacks_and_other_numbers_are_no_pictures_of_a_film(tmp_path: Path) -> None:
+    folder = pictures(tmp_path / "run", ".png", [])
+    assert cv2.imwritemulti(str(folder / "film.tif"), [picture(0), picture(1)])
+    with pytest.raises(ValueError, match="film.tif is a stack of 2 pictures"):
+        open_film(folder, fps=10.0)
+    with pytest.raises(ValueError, match="is a TIFF: wanted a video file"):
+        open_film(folder / "film.tif", fps=10.0)
+    assert cv2.imwrite(str(folder / "film.tif"), picture(0).astype(np.float32))
+    with pytest.raises(ValueError, match="holds float32"):
+        open_film(folder, fps=10.0)
+
+
+@pytest.mark.parametrize("cover", [True, False])
+def test_the_largest_film_is_read_of_several_videos(cover: bool, tmp_path: Path) -> None:
+    path = tmp_path / "film.mov"
+    with av.open(str(path), "w") as container:
+        first: Any = container.add_stream("mjpeg", rate=25)
+        first.width, first.height, first.pix_fmt = (400, 400, "yuvj420p") if cover else (48, 32, "yuvj420p")
+        main: Any = container.add_stream("libx264", rate=25)
+        main.width, main.height, main.pix_fmt = 96, 64, "yuv420p"
+        for level in range(8):
+            grey = picture(level)
+            if level == 0 or not cover:
+                small = cv2.resize(grey, (first.width, first.height))
+                container.mux(first.encode(av.VideoFrame.from_ndarray(small, format="gray")))
+            container.mux(main.encode(av.VideoFrame.from_ndarray(grey, format="gray").reformat(format="yuv420p")))
+        for stream in (first, main):
+            container.mux(stream.encode(None))
+    film = Video(path)
+    where = [block(grey) for *_, grey in film.frames()]
+    np.testing.assert_allclose(where, 15.5 + 4.0 * np.arange(8), atol=0.6)
+    assert len(film.coding().size) == 8
+    told = [sentence for sentence in film.issues if "videos" in sentence]
+    assert told == ([] if cover else ["film.mov holds 2 videos: the largest is read, of 96 x 64 px."])
+
+
+def test_a_raw_stream_has_no_times(tmp_path: Path) -> None:
+    path = write(tmp_path / "film.h264", "libx264", bf="0")
+    with pytest.raises(ValueError, match=r"holds no time stamps.*ffmpeg -framerate 30 -i film.h264 -c copy film.mp4"):
+        Video(path)
+
+
+def test_a_film_that_begins_within_a_group_of_pictures_begins_with_its_first_picture(tmp_path: Path) -> None:
+    whole = write(tmp_path / "whole.mkv", "libx264", range(0, 480, 40), bf="0", g="6")
+    path = tmp_path / "cut.ts"
+    with av.open(str(whole)) as source, av.open(str(path), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in list(source.demux(video=0))[3:]:
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+    film = Video(path)
+    shown = list(film.frames())
+    assert [index for index, *_ in shown] == list(range(len(film.time)))
+    np.testing.assert_allclose([block(grey) for *_, grey in shown], 15.5 + 4.0 * np.arange(6, 12), atol=0.6)
+    np.testing.assert_allclose(film.time - film.time[0], 0.04 * np.arange(6), atol=1e-4)
+    assert any("first 3 frames" in s and "0.120 s later" in s for s in film.issues)
+    assert film.coding().key.tolist() == [True, *5 * [False]]
