@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Image
+from vision.opencvfile import read_opencv
 
 FILES = (".yml", ".yaml", ".xml", ".json")
 # Largest dictionary of each family, and the sizes of the smaller ones, which are its first words.
@@ -62,21 +63,31 @@ def bits_of(marker: int, dictionary: str) -> NDArray[np.uint8]:
 
 @lru_cache(maxsize=8)
 def _from_file(name: str) -> cv2.aruco.Dictionary:
-    if not Path(name).is_file():
+    if not Path(name).exists():
         raise ValueError(f"marker dictionary {name} does not exist: give the path of an OpenCV YAML file")
-    wrong = (
-        f"marker dictionary {name} cannot be read: wanted nmarkers, markersize and marker_0, marker_1, ..."
-    )
-    try:
-        storage = cv2.FileStorage(name, cv2.FILE_STORAGE_READ)
-        dictionary = cv2.aruco.Dictionary()
-        read = dictionary.readDictionary(storage.root())
-        empty = not read or dictionary.bytesList is None or not len(dictionary.bytesList)
-    except (cv2.error, SystemError, MemoryError, TypeError, ValueError) as error:
-        raise ValueError(wrong) from error
-    if empty:
-        raise ValueError(wrong)
-    return dictionary
+    tree = read_opencv(Path(name), what="marker dictionary")
+    count, side, corrected = (tree.get(key) for key in ("nmarkers", "markersize", "maxCorrectionBits"))
+    for key, value, low, high in (("nmarkers", count, 1, 100_000), ("markersize", side, 3, 16)):
+        if not isinstance(value, int) or not low <= value <= high:
+            raise ValueError(
+                f"marker dictionary {name}: {key} = {value!r}; wanted {low} to {high}, and marker_0, ..."
+            )
+    assert isinstance(count, int)  # checked
+    assert isinstance(side, int)
+    if not isinstance(corrected, int) or not 0 <= corrected <= side * side // 2:
+        raise ValueError(
+            f"marker dictionary {name}: maxCorrectionBits = {corrected!r}; wanted 0 to {side * side // 2}"
+        )
+    words = [tree.get(f"marker_{k}") for k in range(count)]
+    for k, word in enumerate(words):
+        if not isinstance(word, str) or len(word) != side * side or set(word) - {"0", "1"}:
+            raise ValueError(
+                f"marker dictionary {name}: marker_{k} = {str(word)[:40]!r}; wanted {side * side} bits, 0 or "
+                "1, in quotes"
+            )
+    bits = [np.array(list(str(word)), dtype=np.uint8).reshape(side, side) for word in words]
+    stacked = np.concatenate([cv2.aruco.Dictionary.getByteListFromBits(square) for square in bits])
+    return cv2.aruco.Dictionary(stacked, side, corrected)
 
 
 def other_dictionary(images: Iterable[Image], tried: str) -> tuple[str, int] | None:

@@ -1,21 +1,43 @@
-"""Cameras that other programs calibrated: OpenCV and ROS YAML, OpenCV XML and JSON, caliscope TOML."""
+"""Cameras that other programs calibrated: YAML of OpenCV, ROS and Kalibr, XML, JSON, TOML of caliscope."""
 
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from vision.camera import DISTORTION, Array, Camera
+from vision.opencvfile import bounded_text, read_opencv
 
-MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M1", "matrix")
-LENS = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "Distortion_Coefficients", "D", "D1")
+MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M1", "matrix", "intrinsics")
+LENS = (
+    "distortion_coefficients", "dist_coeffs", "distCoeffs", "Distortion_Coefficients", "D", "D1",
+    "distortions", "distortion_coeffs",
+)  # fmt: skip
 SIZES = (("image_width", "image_height"), ("image_Width", "image_Height"))
 LONGEST = 1000  # focal length over the picture's longest side: that of a telescope
-RMS = ("avg_reprojection_error", "Avg_Reprojection_Error", "rms")
+BOTH_SIZES = ("size", "resolution", "image_size")
+RMS = ("avg_reprojection_error", "Avg_Reprojection_Error", "rms", "error")
+SPEAKS_OF_LENS = re.compile(
+    r"(?i)fish|omni|equi|kannala|model|distort|dist_|lens|mirror|rational|prism|tilt|skew|^xi$|^alpha$|^k\d|^p\d"
+)
+BROWN = (
+    "plumb_bob", "radtan", "brown", "brown_conrady", "pinhole", "perspective", "opencv", "standard", "none",
+    "", "0", "0.0", "false", "rational_polynomial",  # whose further terms must be 0
+)  # fmt: skip
+# Keys that say nothing of the lens
+IDLE = (
+    "camera_name", "name", "port", "rectification_matrix", "projection_matrix", "R", "P", "rotation",
+    "translation", "rotation_count", "exposure", "grid_count", "ignore", "verified_resolutions", "nframes",
+    "calibration_time", "nr_of_frames", "board_width", "board_height", "square_size", "marker_size", "flags",
+    "flagValue", "aspectRatio", "fix_aspect_ratio", "extrinsic_parameters", "Extrinsic_Parameters",
+    "image_points", "Image_points", "grid_points", "per_view_reprojection_errors", "Per_View_Reprojection_Errors", "rostopic",
+    "T_cam_imu", "T_cn_cnm1", "timeshift_cam_imu", "cam_overlaps", "board_Width", "board_Height",
+    "square_Size",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -26,6 +48,7 @@ class _Numbers:
     lens: Any
     size: tuple[int, int] | None
     rms_px: float
+    unused: tuple[str, ...]  # keys that are not known
 
 
 def read_camera(path: Path, *, name: str, size: tuple[int, int]) -> Camera:
@@ -42,7 +65,7 @@ def read_camera(path: Path, *, name: str, size: tuple[int, int]) -> Camera:
         raise ValueError(
             f"camera file {path} does not exist: give an OpenCV YAML, XML or caliscope TOML file"
         )
-    numbers = _toml(path, name) if path.suffix == ".toml" else _storage(path)
+    numbers = _read(path, _camera(path, _tree(path), name))
     if numbers.size not in (None, size):
         raise ValueError(
             f"camera file {path.name} is for {numbers.size} px, the film has {size} px: use the camera of "
@@ -54,8 +77,12 @@ def read_camera(path: Path, *, name: str, size: tuple[int, int]) -> Camera:
         f"{path.name} does not say how well the camera is known, so that its error is not in the stated "
         "uncertainty: calibrate with board images to include it."
     )
+    remarks = (remark,)
+    if numbers.unused:
+        keys = ", ".join(numbers.unused[:8])
+        remarks += (f"{path.name} has keys that are not used: {keys}. Does one of them change the lens?",)
     used = tuple(term for term, value in zip(DISTORTION, distortion, strict=True) if value != 0.0)
-    return Camera(matrix, distortion, size, numbers.rms_px, 0, model=used, remarks=(remark,))
+    return Camera(matrix, distortion, size, numbers.rms_px, 0, model=used, remarks=remarks)
 
 
 def _check_sane(path: Path, matrix: Array, distortion: Array, size: tuple[int, int]) -> None:
@@ -77,66 +104,78 @@ def _check_sane(path: Path, matrix: Array, distortion: Array, size: tuple[int, i
         raise ValueError(f"camera file {path.name} {wrong}: correct the file, or calibrate with board images")
 
 
-def _toml(path: Path, name: str) -> _Numbers:
+def _tree(path: Path) -> dict[str, Any]:
+    """What a file holds: tables, lists, numbers and texts."""
+    if path.suffix != ".toml":
+        return read_opencv(path, what="camera file")
+    text = bounded_text(path, what="camera file")
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        if re.search(r"(?:[\w\"'-]+\s*\.\s*){33}", text):
+            raise ValueError("a key of more than 32 parts")
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"camera file {path} is no TOML ({error}): write it again") from error
-    cameras = data.get("cameras", data)
+
+
+def _camera(path: Path, tree: dict[str, Any], name: str) -> dict[str, Any]:
+    """The table of one camera: the file itself, or one of its tables by its key or its name."""
+    if _first(tree, MATRIX + LENS) is not None:
+        return tree
+    cameras = tree.get("cameras", tree)
     if not isinstance(cameras, Mapping):
         raise ValueError(f"camera file {path.name}: cameras is no table; wanted one table for each camera")
-    tables = {key: value for key, value in cameras.items() if isinstance(value, Mapping)}
+    tables = {key: value for key, value in cameras.items()
+              if isinstance(value, Mapping) and _first(value, MATRIX + LENS) is not None}  # fmt: skip
+    if not tables and path.suffix != ".toml":
+        return tree
     digits = name[len(name.rstrip("0123456789")) :]
-    key = next((k for k in (name, digits, *(tables if len(tables) == 1 else ())) if k in tables), None)
+    named = (key for key, table in tables.items() if table.get("name") == name)
+    only = tables if len(tables) == 1 else ()
+    key = next((k for k in (name, *named, digits, *only) if k in tables), None)
     if key is None:
         raise ValueError(
             f"camera file {path.name} holds the cameras {', '.join(tables) or 'none'}, wanted {name!r}: call "
             "the camera in twin.toml as one of them"
         )
-    camera = tables[key]
+    above = {k: v for level in (tree, cameras) for k, v in level.items() if not isinstance(v, Mapping)}
+    return above | dict(tables[key])
+
+
+def _read(path: Path, camera: dict[str, Any]) -> _Numbers:
+    """The numbers of a camera's table. ValueError where it has another lens model than Brown's, or a key that
+    is not known and may say so."""
+    known = {*MATRIX, *LENS, *BOTH_SIZES, *RMS, *IDLE, *(key for pair in SIZES for key in pair)}
+    for key in (key for key in camera if key not in known):
+        value = str(camera[key]).strip()[:40]
+        says = SPEAKS_OF_LENS.search(key) or SPEAKS_OF_LENS.search(value)
+        if says and value.lower().replace("-", "_").replace(" ", "_") not in BROWN:
+            raise ValueError(
+                f"camera file {path.name} has the lens model {key} = {value!r}: wanted Brown's, k1 k2 p1 p2 "
+                "k3 (plumb_bob, radtan); calibrate without another model, or with board images in softtwin"
+            )
+    sides = [_first(camera, keys) for keys in zip(*SIZES, strict=True)]
+    both = _first(camera, BOTH_SIZES) if None in sides else sides
     try:
-        size = tuple(int(side) for side in camera["size"]) if "size" in camera else None
-        rms = float(camera.get("error", 0.0))
-    except (TypeError, ValueError, OverflowError):
+        size = None if both is None else (int(both[0]), int(both[1]))
+        rms = float(_first(camera, RMS) or 0.0)
+    except (TypeError, ValueError, OverflowError, IndexError, KeyError):
         raise ValueError(
-            f"camera file {path.name}: size or error of {key} is wrong: wanted size = [width, height] "
-            "and a number"
+            f"camera file {path.name}: size or error is wrong: wanted size = [width, height] and a number"
         ) from None
-    lens = camera.get("distortions", camera.get("dist_coeffs"))
-    return _Numbers(camera.get("matrix"), lens, size, rms)  # type: ignore[arg-type]
+    matrix, lens = (_values(_first(camera, keys)) for keys in (MATRIX, LENS))
+    if "intrinsics" in camera and isinstance(matrix, list) and len(matrix) == 4:  # of Kalibr
+        matrix = [matrix[0], 0.0, matrix[2], 0.0, matrix[1], matrix[3], 0.0, 0.0, 1.0]
+    unused = sorted(key for key in set(camera) - known if not SPEAKS_OF_LENS.search(key))
+    return _Numbers(matrix, lens, size, rms, tuple(unused))
 
 
-def _storage(path: Path) -> _Numbers:
-    text = path.read_text(encoding="utf-8", errors="replace")
-    if path.suffix in (".yml", ".yaml") and not text.startswith("%YAML"):
-        text = "%YAML:1.0\n---\n" + text  # ROS writes none
-    try:
-        return _stored(cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY))
-    except (cv2.error, SystemError, OverflowError, ValueError) as error:
-        raise ValueError(f"camera file {path} cannot be read as YAML, XML or JSON: write it again") from error
+def _first(camera: Mapping[str, Any], keys: tuple[str, ...]) -> Any:
+    return next((camera[key] for key in keys if key in camera), None)
 
 
-def _stored(storage: cv2.FileStorage) -> _Numbers:
-    """Numbers that OpenCV reads from a file; it raises errors of its own for what is no matrix."""
-    width, height = (_first(storage, keys) for keys in zip(*SIZES, strict=True))
-    size = None if width is None or height is None else (int(width.real()), int(height.real()))
-    rms = _first(storage, RMS)
-    matrix, lens = (_values(_first(storage, keys)) for keys in (MATRIX, LENS))
-    return _Numbers(matrix, lens, size, 0.0 if rms is None else float(rms.real()))
-
-
-def _first(storage: cv2.FileStorage, keys: tuple[str, ...]) -> Any:
-    return next((node for node in map(storage.getNode, keys) if not node.empty()), None)
-
-
-def _values(node: Any) -> Any:
-    """Numbers of an OpenCV matrix, or of a plain map with `data` as ROS writes it."""
-    if node is None:
-        return None
-    data = node.getNode("data") if node.isMap() else node
-    if data.isSeq():
-        return [data.at(i).real() for i in range(data.size())]
-    return node.mat()
+def _values(value: Any) -> Any:
+    """Numbers of a list, or of a matrix as OpenCV and ROS write it."""
+    return value.get("data") if isinstance(value, Mapping) else value
 
 
 def _numbers(path: Path, values: Any) -> Array:

@@ -289,7 +289,7 @@ def test_pictures_of_more_bits_keep_their_grey_levels(bits: int, left: int, tmp_
 def test_stacks_and_other_numbers_are_no_pictures_of_a_film(tmp_path: Path) -> None:
     folder = pictures(tmp_path / "run", ".png", [])
     assert cv2.imwritemulti(str(folder / "film.tif"), [picture(0), picture(1)])
-    with pytest.raises(ValueError, match="film.tif is a stack of 2 pictures"):
+    with pytest.raises(ValueError, match=r"film.tif is a stack of 2 pictures"):
         open_film(folder, fps=10.0)
     with pytest.raises(ValueError, match="is a TIFF: wanted a video file"):
         open_film(folder / "film.tif", fps=10.0)
