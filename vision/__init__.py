@@ -2,9 +2,10 @@
 
 `measure(views, marks, ...)` is the door. Read what everything here speaks of first: `camera` (pixels and
 lens), `marks` (what is glued where, by `kinds`), `dictionaries` (codes of markers), `plane` (the
-finger's plane in a picture), `perspective` (what lies off that plane), `artwork` (sheets to print) and `opencvfile` (files
-in OpenCV's manner). Then the rooms in the order in which a film passes them: `film`, `boards` and
-`calibration`, `following`, `doubts`, `placing`, `errors`, `measuring`. `drawing` goes the other way: it draws film of a known motion.
+finger's plane in a picture), `perspective` (what lies off that plane), `artwork` (sheets to print) and
+`opencvfile` (files in OpenCV's manner). Then the rooms in the order in which a film passes them: `film`,
+`boards` and `calibration`, `following`, `doubts`, `placing`, `errors`, `measuring`. `drawing` goes the other
+way: it draws film of a known motion.
 """
 
 from vision.boards.board import Board
