@@ -35,8 +35,8 @@ IDLE = (
     "calibration_time", "nr_of_frames", "board_width", "board_height", "square_size", "marker_size", "flags",
     "flagValue", "aspectRatio", "fix_aspect_ratio", "extrinsic_parameters", "Extrinsic_Parameters",
     "image_points", "Image_points", "grid_points", "per_view_reprojection_errors",
-    "Per_View_Reprojection_Errors", "rostopic", "T_cam_imu", "T_cn_cnm1", "timeshift_cam_imu", "cam_overlaps", "board_Width",
-    "board_Height", "square_Size",
+    "Per_View_Reprojection_Errors", "rostopic", "T_cam_imu", "T_cn_cnm1", "timeshift_cam_imu",
+    "cam_overlaps", "board_Width", "board_Height", "square_Size",
 )  # fmt: skip
 
 
