@@ -19,6 +19,7 @@ from calibrate.statistics import (
     holm,
     identifiability,
     omnibus,
+    omnibus_test,
     sidak,
 )
 
@@ -33,6 +34,7 @@ __all__ = [
     "identifiability",
     "least_squares",
     "omnibus",
+    "omnibus_test",
     "profile_likelihood",
     "sidak",
 ]

@@ -49,6 +49,21 @@ def omnibus(
     More sensitive than the whole chi2 to misfit that is smooth, which missing physics is. Raises ValueError
     where nothing of the functions is left to test.
     """
+    return omnibus_test(
+        z, basis, component=component, static_frames_effective=static_frames_effective, fitted=fitted
+    )[2]
+
+
+def omnibus_test(
+    z: ArrayLike,
+    basis: ArrayLike,
+    *,
+    component: ArrayLike,
+    static_frames_effective: ArrayLike,
+    fitted: ArrayLike | None = None,
+) -> tuple[float, int, float]:
+    """The chi2 in smooth functions, their number where they are independent, and the probability of
+    `omnibus`, with its arguments."""
     q = _apart(np.asarray(basis, float), fitted)
     if q.shape[1] == 0:
         raise ValueError(
@@ -65,7 +80,7 @@ def omnibus(
     np.fill_diagonal(pairs, square)
     variance = 2 * np.sum(pairs * mixed) + h**2 @ (square - mean**2)
     total = float(np.sum((q.T @ np.asarray(z, float)) ** 2))
-    return _tail(total, float(h @ mean), float(variance), float(q.shape[1]))
+    return total, q.shape[1], _tail(total, float(h @ mean), float(variance), float(q.shape[1]))
 
 
 def excess(z: ArrayLike, basis: ArrayLike, *, fitted: ArrayLike | None = None) -> float:

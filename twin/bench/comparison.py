@@ -12,7 +12,7 @@ import numpy as np
 from calibrate import Fit
 from twin import files
 from twin.bench.workbench import Workbench
-from twin.judging.comparison import Comparison, compare
+from twin.judging.comparison import Comparison, compare, right_in_words
 from twin.judging.fitrecord import UnseenFilm
 from twin.judging.fitting import ModelErrors
 from twin.judging.heldout import unseen
@@ -35,14 +35,14 @@ def compared(run: Run, theta: Array, one: "Judgement", bench: Workbench, say: Sa
     held = foretold(bench, one)
     write_comparison(run, one.predicted, one.comparison, held)
     for row in held:
-        say(f"Held out, {row.film}: {row.raw_rms_mm:.3f} mm rms, foretold by a fit that never saw it; "
-            f"{row.expected_mm:.3f} mm is expected.")  # fmt: skip
+        say(f"Held out, {row.film}: {row.raw_rms_mm:.3f} mm rms, foretold by a fit that never saw it. "
+            f"{right_in_words(row)}")
     return one.comparison
 
 
 def foretold(bench: Workbench, one: "Judged | Judgement") -> tuple[UnseenFilm, ...]:
     """What a fitted model is off from each film that was held out of its fit."""
-    return unseen(one.errors, one.predicted, bench.targets, film_names(bench.project))
+    return unseen(one.errors, one.predicted, one.jacobian, bench.targets, film_names(bench.project))
 
 
 def write_comparison(run: Run, predicted: Array, found: Comparison, held: Sequence[UnseenFilm]) -> None:

@@ -15,7 +15,7 @@ from twin.bench.materialtests import told_of_tests, write_curves
 from twin.bench.provenance import fitted_by
 from twin.bench.workbench import Workbench
 from twin.calibrated.effectstarts import begun_from, nominal
-from twin.judging.comparison import Comparison
+from twin.judging.comparison import change_in_words
 from twin.judging.fitrecord import ComparisonRecord, Estimate, FitRecord, MaterialTestsRow
 from twin.judging.intervals import estimates, fit_record
 from twin.judging.judged import Judged
@@ -109,7 +109,7 @@ def change_effects(
         write_curves(run, change.tests)
         run.note(model.extent)
     project.set_effects(effects)
-    say(_error(then, found))
+    say(change_in_words(then and then.raw_rms_mm, found, effects))
     way = waterfall.stairs(project)
     if len(way) > 2:
         say(waterfall.in_words(way))
@@ -131,6 +131,8 @@ def change_effects(
         "raw_rms_before_mm": then and then.raw_rms_mm,
         "raw_rms_after_mm": found.raw_rms_mm,
         "expected_mm": found.expected_mm,
+        "expected_low_mm": found.expected_low_mm,
+        "expected_high_mm": found.expected_high_mm,
         "noise_sd_mm": found.noise_sd_mm,
         "effects": list(effects),
         "fit": files.plain(change.record(**beside)),
@@ -154,16 +156,6 @@ def _at_null(p: Parameter, found: Mapping[str, Estimate]) -> bool:
     if one.low is None or one.high is None:
         return bool(np.isclose(one.value, null))  # at its bound
     return one.low <= null <= one.high
-
-
-def _error(then: ComparisonRecord | None, now: Comparison) -> str:
-    """The error before and after, in words."""
-    pairs = [(then and then.raw_rms_mm, now.raw_rms_mm), (then and then.rms_mm, now.rms_mm)]
-    error, left = (f"{'' if a is None else f'from {a:.3f} mm '}to {b:.3f} mm rms" for a, b in pairs)
-    return (
-        f"Error: {error}; {now.expected_mm:.3f} mm is expected. Without errors that many values share: "
-        f"{left}; the noise is {now.noise_sd_mm:.3f} mm."
-    )
 
 
 def _nominal(model: Model) -> dict[str, float]:

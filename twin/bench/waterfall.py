@@ -23,6 +23,8 @@ class Stair(Record):
     rms_mm: float
     raw_rms_mm: Maybe
     expected_mm: Maybe = None
+    expected_low_mm: Maybe = None
+    expected_high_mm: Maybe = None
     noise_sd_mm: float
     adequate: bool
     run: str
@@ -53,8 +55,9 @@ def stairs(project: Project) -> tuple[Stair, ...]:
         out.append(
             Stair(
                 done=done, effects=effects, rms_mm=found.rms_mm, raw_rms_mm=found.raw_rms_mm,
-                expected_mm=found.expected_mm, noise_sd_mm=found.noise_sd_mm, adequate=found.adequate,
-                run=folder.name,
+                expected_mm=found.expected_mm, expected_low_mm=found.expected_low_mm,
+                expected_high_mm=found.expected_high_mm, noise_sd_mm=found.noise_sd_mm,
+                adequate=found.adequate, run=folder.name,
             )
         )  # fmt: skip
     return tuple(out)
@@ -65,11 +68,9 @@ def in_words(rows: tuple[Stair, ...]) -> str:
     if len(rows) < 2:
         return ""
     way = " -> ".join(f"{row.done} {row.error_mm:.3f}" for row in rows)
-    left = " -> ".join(f"{row.rms_mm:.3f}" for row in rows)
-    return (
-        f"Error, mm rms: {way}; {rows[-1].foot_mm:.3f} is expected. Without errors that many values share: "
-        f"{left}; the noise is {rows[-1].noise_sd_mm:.3f}."
-    )
+    low, high = rows[-1].expected_low_mm, rows[-1].expected_high_mm
+    band = "" if low is None or high is None else f"; a right model: {low:.3f} to {high:.3f} (95 %)"
+    return f"Error, mm rms: {way}{band}."
 
 
 def _runs(project: Project) -> list[Path]:
@@ -91,7 +92,8 @@ def _nominal(fit: FitRecord, found: ComparisonRecord) -> list[Stair]:
     return [
         Stair(
             done=NOMINAL, effects=(), rms_mm=fit.initial.rms_mm, raw_rms_mm=fit.initial.raw_rms_mm,
-            expected_mm=found.expected_mm, noise_sd_mm=found.noise_sd_mm, adequate=False, run="",
+            expected_mm=found.expected_mm, expected_low_mm=found.expected_low_mm,
+            expected_high_mm=found.expected_high_mm, noise_sd_mm=found.noise_sd_mm, adequate=False, run="",
         )
     ]  # fmt: skip
 

@@ -19,6 +19,7 @@ from twin.diagnosis.shortlist import LATE
 from twin.effects.labels import name_of
 from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect
+from twin.judging.comparison import right_in_words
 from twin.judging.judged import Judged
 from twin.messages import Say
 from twin.project.folder import Project, Run
@@ -98,8 +99,7 @@ def _foretold(row: ForetoldFilm) -> str:
     """The error in a held-out film before and after, in words."""
     before, after = row.before, row.after
     then = f", {after.raw_rms_mm:.3f} mm with the named effect" if after else ""
-    expected = f"{before.expected_mm:.3f} mm is expected"
-    return f"Held out, {row.film}: {before.raw_rms_mm:.3f} mm rms{then}; {expected}."
+    return f"Held out, {row.film}: {before.raw_rms_mm:.3f} mm rms{then}. {right_in_words(before)}"
 
 
 def _candidates(project: Project) -> tuple[Effect, ...]:

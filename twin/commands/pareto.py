@@ -129,7 +129,7 @@ def _record(found: TradeOff, fit: str, seed: int, names: list[str], known: bool)
         objectives=tuple(
             ParetoObjective(
                 name=p.name, values=p.whitener.count, noise_mm=p.whitener.noise_sd,
-                expected_mm=p.whitener.expected, best=float(best[k]), fit=float(own[k]),
+                expected_mm=p.whitener.stated, best=float(best[k]), fit=float(own[k]),
                 excess=float(found.excess[k]),
             )
             for k, p in enumerate(found.parts)

@@ -156,6 +156,8 @@ class DiagnosisRecord(Record):
     raw_rms_before_mm: Maybe = Field(default=None, description="error without and with the effects")
     raw_rms_after_mm: Maybe = None
     expected_mm: Maybe = Field(default=None, description="of the last, as in comparison.json")
+    expected_low_mm: Maybe = Field(default=None, description="ends of its 95 % band")
+    expected_high_mm: Maybe = None
     rms_before_mm: Maybe = Field(default=None, description="the errors without shared ones")
     rms_after_mm: Maybe = None
     noise_sd_mm: Maybe = Field(default=None, description="the noise")
@@ -191,6 +193,8 @@ class DiagnosisRecord(Record):
             raw_rms_before_mm=before.raw_rms_mm if before else None,
             raw_rms_after_mm=after.raw_rms_mm if after else None,
             expected_mm=after.expected_mm if after else None,
+            expected_low_mm=after.expected_low_mm if after else None,
+            expected_high_mm=after.expected_high_mm if after else None,
             noise_sd_mm=before.noise_sd_mm if before else None,
             adequate=after.adequate if after else None,
             p_value_before=before.p_value if before else None,

@@ -66,6 +66,8 @@ class EvidenceRecord(Record):
     raw_rms_before_mm: Maybe = Field(default=None, description="error without and with it, and expected")
     raw_rms_after_mm: Maybe = None
     expected_mm: Maybe = None
+    expected_low_mm: Maybe = None
+    expected_high_mm: Maybe = None
     rms_before_mm: Maybe = Field(default=None, description="the same without shared errors, and the noise")
     rms_after_mm: Maybe = None
     noise_sd_mm: Maybe = None
@@ -122,6 +124,8 @@ def explained(
         raw_rms_before_mm=before.comparison.raw_rms_mm,
         raw_rms_after_mm=after.comparison.raw_rms_mm,
         expected_mm=after.comparison.expected_mm,
+        expected_low_mm=after.comparison.expected_low_mm,
+        expected_high_mm=after.comparison.expected_high_mm,
         rms_before_mm=before.comparison.rms_mm,
         rms_after_mm=after.comparison.rms_mm,
         noise_sd_mm=after.comparison.noise_sd_mm,
@@ -199,13 +203,14 @@ def plausibility(parameter: Parameter, value: float) -> str:
 def table(e: EvidenceRecord) -> list[str]:
     """The evidence as lines of a terminal: numbers, then a row a marker and a column a branch."""
     out = [f"{e.effect}: {e.sentence}."]
+    right = ""
+    if e.expected_low_mm is not None and e.expected_high_mm is not None:
+        right = (
+            f" A right model would miss it by {e.expected_low_mm:.3f} to {e.expected_high_mm:.3f} mm (95 %)."
+        )
     out.append(
-        f"Error: {e.raw_rms_before_mm:.4f} mm rms without it, {e.raw_rms_after_mm:.4f} mm with it; "
-        f"{e.expected_mm:.4f} mm is expected."
-    )
-    out.append(
-        f"Without errors that many values share: {e.rms_before_mm:.4f} mm rms without it, "
-        f"{e.rms_after_mm:.4f} mm with it; the noise is {e.noise_sd_mm:.4f} mm."
+        f"Without it the model misses the film by {e.raw_rms_before_mm:.3f} mm.{right} With {e.effect} it "
+        f"misses it by {e.raw_rms_after_mm:.3f} mm."
     )
     bayes = "" if e.evidence is None else f", 2 ln B = {e.evidence:.0f}"
     out.append(

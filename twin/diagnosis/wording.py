@@ -6,7 +6,7 @@ from dataclasses import replace
 from twin.diagnosis.deciding import Decision, Diagnosis
 from twin.diagnosis.hypotheses import Hypothesis, ranked
 from twin.effects.labels import KINDS, OR
-from twin.judging.comparison import Comparison, error_in_words
+from twin.judging.comparison import Comparison, change_in_words, error_in_words
 from twin.judging.judged import Judged
 
 HALF = 0.5
@@ -108,12 +108,8 @@ def fallen(diagnosis: Diagnosis) -> str:
     """A sentence on the fall of the error with the named effects; "" where none is kept."""
     if diagnosis.kept is None or diagnosis.before is None or diagnosis.after is None:
         return ""
-    before, after = diagnosis.before, diagnosis.after
-    return (
-        f"The error falls from {before.raw_rms_mm:.3f} to {after.raw_rms_mm:.3f} mm rms with "
-        f"{' and '.join(e.label for e in diagnosis.effects)}; {after.expected_mm:.3f} mm is expected of "
-        "noise and errors that many values share."
-    )
+    labels = [e.label for e in diagnosis.effects]
+    return change_in_words(diagnosis.before.raw_rms_mm, diagnosis.after, labels)
 
 
 def unrefitted(diagnosis: Diagnosis) -> str:

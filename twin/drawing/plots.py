@@ -96,15 +96,14 @@ def _residuals(
     return figure
 
 
-Fall = Sequence[tuple[str, float, float]]
+Fall = Sequence[tuple[str, float]]
 
 
 def falling(rows: Fall, *, expected_mm: float) -> str:
-    """RMS errors in mm of models one after the other (what was done, error, the error without shared errors),
-    and what is expected of the error at their foot.
+    """RMS errors in mm of models one after the other (what was done, error), and that of a right model at
+    their foot.
 
-    From each the bar shows what the next takes off, and a line what is left without shared errors. The axis
-    is logarithmic where the errors span a lot.
+    From each the bar shows what the next takes off. The axis is logarithmic where the errors span a lot.
     """
     with style({"axes.grid": False}):
         return svg(_falling(rows, expected_mm))
@@ -117,8 +116,8 @@ def falling_pictures(rows: Fall, *, expected_mm: float) -> tuple[str, bytes]:
 
 
 def _falling(rows: Fall, expected_mm: float) -> Figure:
-    values, cleaned = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
-    sizes = np.array([*values, *cleaned, expected_mm])
+    values = np.array([row[1] for row in rows])
+    sizes = np.array([*values, expected_mm])
     sizes = sizes[np.isfinite(sizes)]
     figure = Figure(figsize=(4.6, 0.55 + 0.36 * (len(rows) + 1)), layout="constrained")
     axes = figure.subplots()
@@ -132,22 +131,19 @@ def _falling(rows: Fall, expected_mm: float) -> Figure:
         if value > after:
             axes.barh(row, value - after, left=after, color=colour, alpha=0.35, height=0.62)
         text = f"{values[row]:.3g} mm" if np.isfinite(values[row]) else "not known"
-        if np.isfinite(cleaned[row]):
-            axes.plot([cleaned[row]] * 2, [row - 0.31, row + 0.31], color=MEASURED, linewidth=1.6)
-            text += f" ({cleaned[row]:.3g})"
-        beside(axes, max(value, np.nan_to_num(cleaned[row]), start), row, text=text)
+        beside(axes, max(value, start), row, text=text)
     foot = max(np.nan_to_num(expected_mm), start)
     axes.barh(len(rows), foot - start, left=start, color=NOISE, height=0.62)
     beside(axes, foot, len(rows), text=f"{expected_mm:.3g} mm")
     axes.axvline(foot, color=NOISE, linewidth=0.8, linestyle=":")
-    axes.set_yticks(range(len(rows) + 1), [*(name for name, *_ in rows), "expected"])
+    axes.set_yticks(range(len(rows) + 1), [*(name for name, *_ in rows), "a right model"])
     _bare(axes)
     if wide:
         axes.set_xscale("log")
         axes.set_xlim(least, sizes.max() * (sizes.max() / least) ** 0.3)
     axes.minorticks_off()
     axes.set_xticks([])
-    axes.set_title("RMS error (without shared errors)" + (", logarithmic" if wide else ""))
+    axes.set_title("RMS error" + (", logarithmic" if wide else ""))
     return figure
 
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibrate import chi2_test, excess, omnibus
-from twin.judging.fitrecord import BeyondRow, ComparisonRecord, MapRow, UnseenFilm
+from calibrate import chi2_test, excess, omnibus_test
+from twin.judging.fitrecord import BeyondRow, ComparisonRecord, FitTest, MapRow, UnseenFilm
 from twin.judging.lawerrors import memory
 from twin.judging.sharederrors import beyond, in_words
-from twin.judging.whitening import Whitener
+from twin.judging.whitening import UNKNOWN, Expected, Whitener
 from twin.targets import Array, Targets, relative
 
 ADEQUATE = 1e-3  # a model is adequate while its lack of fit has at least this probability
@@ -29,8 +29,9 @@ class Comparison:
     errors of measurement and mesh that many values share, each up to PLAUSIBLE sds, NaN where no data;
     whitened (n,); the lack-of-fit test; where it fails.
 
-    raw_rms_mm: the error, as it is drawn. expected_mm: what noise and shared errors together would give on
-    average. rms_mm: the error without shared errors; noise_sd_mm: what noise alone would give of that.
+    raw_rms_mm: the error, as it is drawn. expected: the error of a right model after its fit. rms_mm: the
+    error without shared errors; noise_sd_mm: what noise alone would give of that. tests: those of which the
+    smallest probability is p_value, times their number, and that of chi2.
     """
 
     residual: Array
@@ -45,8 +46,24 @@ class Comparison:
     where: str
     maps: dict[str, tuple[MapRow, ...]]
     raw_rms_mm: float = float("nan")
-    expected_mm: float = float("nan")
+    expected: Expected = UNKNOWN
+    tests: tuple[FitTest, ...] = ()
     beyond: tuple[tuple[str, float], ...] = ()  # shared errors larger than stated: name, size in sd
+
+    @property
+    def expected_mm(self) -> float:
+        """The error of a right model after its fit."""
+        return self.expected.rms_mm
+
+    @property
+    def expected_low_mm(self) -> float:
+        """The lower end of its 95 % band."""
+        return self.expected.low_mm
+
+    @property
+    def expected_high_mm(self) -> float:
+        """The upper end of its 95 % band."""
+        return self.expected.high_mm
 
     @property
     def adequate(self) -> bool:
@@ -69,7 +86,10 @@ class Comparison:
             p_value=self.p_value,
             rms_mm=self.rms_mm,
             raw_rms_mm=self.raw_rms_mm,
-            expected_mm=self.expected_mm,
+            expected_mm=self.expected.rms_mm,
+            expected_low_mm=self.expected.low_mm,
+            expected_high_mm=self.expected.high_mm,
+            tests=self.tests,
             noise_sd_mm=self.noise_sd_mm,
             adequate=self.adequate,
             where=self.where,
@@ -110,7 +130,7 @@ def compare(
     smooth = smooth_functions(targets, whitener)
     enough = len(z) > 2 * smooth.shape[1]
     testable = degrees > at_bound
-    p = lack_of_fit(targets, whitener, z, fitted, smooth if enough else None) if testable else float("nan")
+    tests = fit_tests(targets, whitener, z, fitted, smooth if enough else None) if testable else ()
     cleaned_values, cleaned = whitener.cleaned(residual, bound=PLAUSIBLE), np.full(residual.shape, np.nan)
     cleaned[:, whitener.components[:, 0], whitener.components[:, 1]] = cleaned_values
     comparison = Comparison(
@@ -120,37 +140,65 @@ def compare(
         chi2=chi2,
         degrees_of_freedom=degrees,
         excess=excess(z, smooth, fitted=fitted) if enough else chi2 - degrees,
-        p_value=p,
+        p_value=_smallest(tests),
         rms_mm=float(np.sqrt(np.nanmean(cleaned_values**2))),
         noise_sd_mm=whitener.noise_sd,
         where="",
         maps=residual_maps(targets, whitener, cleaned_values),
         raw_rms_mm=whitener.error(residual),
-        expected_mm=whitener.expected,
+        expected=whitener.expected_after(jacobian),
+        tests=tests,
         beyond=beyond(whitener, residual),
     )
     return replace(comparison, where=_where(comparison))
 
 
 def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: Array | None) -> float:
-    """Probability of so bad a fit: the smallest of three tests, times their number.
+    """Probability of so bad a fit: the smallest of the tests of `fit_tests`, times their number."""
+    return _smallest(fit_tests(targets, w, z, fitted, smooth))
 
-    The chi2 of everything; the omnibus test on smooth functions (n, b), where there are any; and the chi2 of
-    the gauge's errors alone, into which a misfit may creep that looks like another pressure. They know from
-    how many static frames, and samples of the resting log, the noise was estimated.
+
+def fit_tests(
+    targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: Array | None
+) -> tuple[FitTest, ...]:
+    """The tests of a whitened residual z (n,) with fitted columns (n, f).
+
+    The chi2 of everything; of it that of the gauge's errors alone, into which a misfit may creep that looks
+    like another pressure, and that of all others, the picture's; and the omnibus test on smooth functions (n,
+    b), where there are any. They know from how many static frames, and samples of the resting log, the noise
+    was estimated.
     """
     frames = targets.noise.frames if targets.noise else 10**6
-    counts = w.valid.sum(axis=0) - fitted.shape[1] / w.valid.shape[1]
-    nu = np.full(len(counts), float(frames - 2))
-    p = [chi2_test(float(z @ z), counts, nu)]
-    if smooth is not None:
-        component = np.tile(np.arange(len(counts)), len(w.valid))
-        p.append(omnibus(z, smooth, component=component, static_frames_effective=nu, fitted=fitted))
+    values = w.valid.sum(axis=0)
+    nu = np.full(len(values), float(frames - 2))
+
+    def test(name: str, chi2: float, free: Array, frames: Array) -> FitTest:
+        p = chi2_test(chi2, free, frames)
+        return FitTest(name=name, chi2=chi2, degrees_of_freedom=float(free.sum()), p_value=p)
+
+    total, f = float(z @ z), fitted.shape[1]
+    rows = [test("all", total, values * (1 - f / w.count), nu)]
     chi2, count = w.along_gauge(z)
-    if targets.noise and count > fitted.shape[1] and targets.noise.gauge_frames > 6:
-        free = np.array([count - fitted.shape[1]])
-        p.append(chi2_test(chi2, free, np.array([targets.noise.gauge_frames - 2.0])))
-    return min(1.0, len(p) * min(p))
+    if targets.noise and count > f and targets.noise.gauge_frames > 6:
+        samples = np.array([targets.noise.gauge_frames - 2.0])
+        rows.append(test("pressure", chi2, np.array([float(count - f)]), samples))
+        if w.count - count > f:
+            rows.append(test("picture", total - chi2, values * (1 - count / w.count), nu))
+    if smooth is not None:
+        component = np.tile(np.arange(len(values)), len(w.valid))
+        share, free, p = omnibus_test(
+            z, smooth, component=component, static_frames_effective=nu, fitted=fitted
+        )
+        rows.append(FitTest(name="smooth", chi2=share, degrees_of_freedom=free, p_value=p))
+    return tuple(rows)
+
+
+def _smallest(tests: Sequence[FitTest]) -> float:
+    """The smallest probability of the tests, times their number; NaN without any. `all` counts where its
+    parts were not tested."""
+    parts = {t.name: t.p_value for t in tests if t.p_value is not None}
+    p = [v for name, v in parts.items() if name != "all" or "picture" not in parts]
+    return min(1.0, len(p) * min(p)) if p else float("nan")
 
 
 def smooth_functions(targets: Targets, w: Whitener, shapes: Array | None = None) -> Array:
@@ -222,12 +270,31 @@ def _beyond_noise(row: MapRow) -> float:
     return (row.rms_mm or 0.0) ** 2 - (row.noise_sd_mm or 0.0) ** 2 if row.count else -np.inf
 
 
-def error_in_words(comparison: Comparison | ComparisonRecord) -> str:
-    """The error of a model without errors that many values share, beside the noise, and with them, in mm."""
+def error_in_words(found: Comparison | ComparisonRecord) -> str:
+    """The error of a model beside that of a right one, in words."""
+    return f"The model misses the film by {found.raw_rms_mm:.3f} mm. {right_in_words(found)}".strip()
+
+
+def right_in_words(found: Comparison | ComparisonRecord | UnseenFilm) -> str:
+    """The 95 % band of the error of a right model, in words; "" of a comparison of an older version."""
+    if found.expected_low_mm is None or found.expected_high_mm is None or np.isnan(found.expected_low_mm):
+        return ""
     return (
-        f"Random noise explains {comparison.noise_sd_mm:.3f} mm; {comparison.rms_mm:.3f} mm rms remain after "
-        "known systematic errors (scale, camera, mesh) are removed. With them the error is "
-        f"{comparison.raw_rms_mm:.3f} mm rms."
+        f"A right model would miss it by {found.expected_low_mm:.3f} to {found.expected_high_mm:.3f} mm "
+        "(95 %)."
+    )
+
+
+def change_in_words(
+    before: float | None, after: Comparison | ComparisonRecord, effects: Sequence[str]
+) -> str:
+    """The error before, that of a right model, and the error with effects, in words."""
+    with_them = f"With {' and '.join(effects)}" if effects else "Without any effect"
+    if before is None:
+        return f"{with_them} the model misses the film by {after.raw_rms_mm:.3f} mm. {right_in_words(after)}"
+    return (
+        f"The model misses the film by {before:.3f} mm. {right_in_words(after)} {with_them} it misses it by "
+        f"{after.raw_rms_mm:.3f} mm."
     )
 
 

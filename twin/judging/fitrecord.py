@@ -264,6 +264,15 @@ class BeyondRow(Record):
     sd: Maybe
 
 
+class FitTest(Record):
+    """A test of lack of fit: its chi2, degrees of freedom, and the probability of one as large."""
+
+    name: str
+    chi2: Maybe
+    degrees_of_freedom: Finite
+    p_value: Maybe
+
+
 class UnseenFilm(Record):
     """The error of a model in a block that it was not fitted to."""
 
@@ -271,7 +280,9 @@ class UnseenFilm(Record):
     block: int
     rms_mm: Finite = Field(description="shared errors taken off up to 3 sd")
     raw_rms_mm: Finite = Field(description="with them, as drawn")
-    expected_mm: Maybe = Field(default=None, description="as in comparison.json")
+    expected_mm: Maybe = Field(default=None, description="that of a right model, fitted to the other films")
+    expected_low_mm: Maybe = Field(default=None, description="ends of its 95 % band")
+    expected_high_mm: Maybe = None
     noise_sd_mm: Finite
     values: int
 
@@ -284,8 +295,13 @@ class ComparisonRecord(Record):
     degrees_of_freedom: int | None = None
     p_value: Maybe = None
     raw_rms_mm: Maybe = Field(default=None, description="error of the model, as it is drawn")
-    expected_mm: Maybe = Field(
-        default=None, description="what noise and shared errors together would give of it on average"
+    expected_mm: Maybe = Field(default=None, description="error of a right model after its fit")
+    expected_low_mm: Maybe = Field(default=None, description="ends of its 95 % band")
+    expected_high_mm: Maybe = None
+    tests: tuple[FitTest, ...] = Field(
+        default=(),
+        description="tests of lack of fit apart: `all` values, the `pressure`'s errors, the `picture`'s, "
+        "`smooth` functions of pressure, time and history",
     )
     rms_mm: Finite = Field(description="error with shared errors taken off up to 3 sd")
     noise_sd_mm: Finite = Field(description="what noise alone would leave of that")

@@ -87,28 +87,32 @@ def cycles(pressure: Array) -> NDArray[np.int64]:
 
 
 def unseen(
-    errors: ModelErrors, predicted: Array, targets: Targets, films: Mapping[int, str]
+    errors: ModelErrors, predicted: Array, jacobian: Array, targets: Targets, films: Mapping[int, str]
 ) -> tuple[UnseenFilm, ...]:
-    """The error of a prediction (s, p, 3) mm in each block that is held out and was measured, by the errors
-    that its model states; films: names by block."""
+    """The error of a prediction (s, p, 3) mm with derivatives (d, s, p, 3) in each block that is held out and
+    was measured, by the errors that its model states; films: names by block."""
     seen = targets.held_out & targets.valid[:, ~targets.fixed].any(axis=(1, 2))
     blocks = np.unique(targets.block[seen])
     return tuple(
-        _in_block(errors, predicted, targets, int(b), films.get(int(b), f"block {b}")) for b in blocks
+        _in_block(errors, predicted, jacobian, targets, int(b), films.get(int(b), f"block {b}"))
+        for b in blocks
     )
 
 
 def _in_block(
-    errors: ModelErrors, predicted: Array, targets: Targets, block: int, film: str
+    errors: ModelErrors, predicted: Array, jacobian: Array, targets: Targets, block: int, film: str
 ) -> UnseenFilm:
     w = errors.whitener(replace(targets, held_out=targets.block != block))
     residual = targets.value - predicted
+    expected = w.expected_unseen(errors.whitener(targets), jacobian)
     return UnseenFilm(
         film=film,
         block=block,
         rms_mm=w.rms(residual, bound=PLAUSIBLE),
         raw_rms_mm=w.error(residual),
-        expected_mm=w.expected,
+        expected_mm=expected.rms_mm,
+        expected_low_mm=expected.low_mm,
+        expected_high_mm=expected.high_mm,
         noise_sd_mm=w.noise_sd,
         values=w.count,
     )

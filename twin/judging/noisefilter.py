@@ -67,6 +67,53 @@ class NoiseFilter:
         diagonal = np.diagonal(self.gains[0], axis1=1, axis2=2)[self.valid]  # of inverse Cholesky factors
         return float(-2 * np.log(diagonal).sum())
 
+    @cached_property
+    def _white(self) -> Array:
+        """The variance (s, m) mm2 of each value beyond that of the noise at rest."""
+        still = np.array([np.diag(n.static + n.fresh) for n in self.steady])[self.block]
+        return np.where(self.valid, np.maximum(self.sd**2 - still, 0.0), 0.0)
+
+    @property
+    def trace(self) -> float:
+        """The sum of the variances in mm2 of all values that are data."""
+        still = np.array([np.diag(n.static + n.fresh) for n in self.steady])[self.block]
+        return float((self._white + still)[self.valid].sum())
+
+    @cached_property
+    def trace_of_square(self) -> float:
+        """The sum of the squares in mm4 of all entries of the covariance N of the values that are data."""
+        total = 0.0
+        for t, seen in enumerate(self.valid):
+            n = self.steady[self.block[t]]
+            total += float((((n.static + n.fresh) + np.diag(self._white[t]))[np.ix_(seen, seen)] ** 2).sum())
+        for b, n in enumerate(self.steady):
+            seen = self.valid[self.block == b].astype(float)
+            power, lag = n.static**2, 1
+            while lag < len(seen) and float(n.rho.max(initial=0.0)) ** (2 * lag) > 1e-6:
+                decayed = power * (n.rho ** (2 * lag))[:, None]
+                total += 2 * float(((seen[lag:].T @ seen[:-lag]) * decayed).sum())
+                lag += 1
+        return total
+
+    def covariance_times(self, y: Array) -> Array:
+        """The covariance N of the noise applied to fields y (k, s, m) mm; 0 where no data.
+
+        x_t+n and x_t have the covariance rho^n static, which two passes over time sum up.
+        """
+        fields = np.moveaxis(np.where(self.valid, y, 0.0), 0, 2)  # (s, m, k)
+        out = np.zeros_like(fields)
+        for b, n in enumerate(self.steady):
+            steps, rho = np.flatnonzero(self.block == b), n.rho[:, None]
+            before = np.zeros(fields.shape[1:])
+            after = np.zeros(fields.shape[1:])
+            for t in steps:
+                out[t] += before + (n.static + n.fresh) @ fields[t] + self._white[t][:, None] * fields[t]
+                before = rho * (before + n.static @ fields[t])
+            for t in steps[::-1]:
+                out[t] += n.static @ after
+                after = rho * (after + fields[t])
+        return np.moveaxis(np.where(self.valid[:, :, None], out, 0.0), 2, 0)
+
     def innovations(self, y: Array) -> Array:
         """Independent values (..., n) of fields y (..., s, m); 0 where no data."""
         fields = np.moveaxis(np.where(self.valid, y, 0.0).reshape(-1, *self.valid.shape), 0, 2)  # (s, m, k)

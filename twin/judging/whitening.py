@@ -16,11 +16,25 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaincinv
 
 from twin.judging.noisefilter import NoiseFilter, noise_filter
 from twin.targets import Array, Targets
 
 LAW = "law:"  # and an effect: the name of a mode that is an error of its law
+OWN = "gauge:reference"  # the name of a mode that belongs to one film alone
+
+@dataclass(frozen=True)
+class Expected:
+    """The error in mm of a right model: its root mean square, and the ends of its 95 % band."""
+
+    rms_mm: float
+    low_mm: float
+    high_mm: float
+
+
+UNKNOWN = Expected(float("nan"), float("nan"), float("nan"))
+
 
 @dataclass(frozen=True, eq=False)
 class Whitener:
@@ -181,10 +195,74 @@ class Whitener:
         variance = self.sd**2 + (self.modes[self.shared :] ** 2).sum(axis=0)
         return float(np.sqrt(variance[self.valid].mean()))
 
+    @cached_property
+    def without_laws(self) -> "Whitener":
+        """The whitener without the modes that are errors of the model's laws."""
+        if not self.of_laws.any():
+            return self
+        kept = np.append(~self.of_laws, np.ones(len(self.modes) - self.shared, bool))
+        names = tuple(name for name in self.names if not name.startswith(LAW))
+        return Whitener(self.noise, self.modes[kept], len(names), names)
+
+    def expected_after(self, jacobian: Array) -> "Expected":
+        """What `error` would be of a right model after its fit, with the derivatives (d, s, p, 3) of it.
+
+        The generalised least-squares residual has the covariance R = Sigma - J C J', with Sigma of noise and
+        shared errors (the laws' apart) and C = (J' Sigma^-1 J)^-1. Its mean square, tr R / n, has the
+        variance 2 tr R^2 / n^2; the band is that of the gamma distribution with these two moments (F. E.
+        Satterthwaite, doi 10.2307/3002019).
+        """
+        w = self.without_laws
+        covariance, _ = w._estimated(jacobian)
+        count = len(w.modes)
+        inner = np.eye(count + len(jacobian))
+        inner[count:, count:] = -covariance
+        return w._spread(np.concatenate([w.modes, w._fields(jacobian)]), inner)
+
+    def expected_unseen(self, fit: "Whitener", jacobian: Array) -> "Expected":
+        """What `error` would be of a right model in values that its fit has not seen.
+
+        fit: the whitener of the values that it has seen; jacobian (d, s, p, 3) at both. With A of the modes
+        that both share, the error of the prediction is N + M'M - M'A'CJ - J'CAM + J'CJ, A = J Sigma^-1 M'
+        over the seen values: what is common to both films is in part already in the constants.
+        """
+        w, seen = self.without_laws, fit.without_laws
+        covariance, columns = seen._estimated(jacobian)
+        count = len(w.modes)
+        inner = np.eye(count + len(jacobian))
+        inner[count:, count:] = covariance
+        common = [k for k, name in enumerate(w.names) if name != OWN and k < seen.shared]
+        taken = covariance @ columns @ seen.rewhitened(seen.mode_innovations[common]).T
+        inner[count:, common], inner[np.ix_(common, range(count, len(inner)))] = -taken, -taken.T
+        return w._spread(np.concatenate([w.modes, w._fields(jacobian)]), inner)
+
+    def _fields(self, jacobian: Array) -> Array:
+        """The values (d, s, m) mm of derivatives (d, s, p, 3), 0 where no data."""
+        return np.where(self.valid, np.nan_to_num(self.pick(jacobian)), 0.0)
+
+    def _estimated(self, jacobian: Array) -> tuple[Array, Array]:
+        """The covariance (d, d) of a fit with derivatives (d, s, p, 3), and these whitened (d, n)."""
+        columns = self.whiten(jacobian) if len(jacobian) else np.zeros((0, self.valid.size))
+        return np.linalg.pinv(columns @ columns.T, rcond=1e-12, hermitian=True), columns
+
+    def _spread(self, fields: Array, inner: Array) -> "Expected":
+        """The root mean square in mm of values with the covariance N + A' S A, of the noise and of fields A
+        (k, s, m) mm with the covariance S (k, k), and its 95 % band."""
+        flat = fields.reshape(len(fields), -1)
+        noised = self.noise.covariance_times(fields).reshape(flat.shape)
+        gram, between = flat @ flat.T, flat @ noised.T
+        product = inner @ gram
+        trace = self.noise.trace + float(np.trace(product))
+        square = self.noise.trace_of_square
+        square += 2 * float((inner * between.T).sum()) + float((product * product.T).sum())
+        mean, variance = trace / self.count, 2 * square / self.count**2
+        shape = mean**2 / variance
+        low, high = np.sqrt(gammaincinv(shape, np.array([0.025, 0.975])) * mean / shape)
+        return Expected(float(np.sqrt(mean)), float(low), float(high))
+
     @property
-    def expected(self) -> float:
-        """Root mean variance in mm of one value: noise and shared errors together, as `error` would be of a
-        model that is right."""
+    def stated(self) -> float:
+        """Root mean variance in mm of one value before any fit: noise and shared errors together."""
         counted = np.append(~self.of_laws, np.ones(len(self.modes) - self.shared, bool))
         variance = self.sd**2 + (self.modes[counted] ** 2).sum(axis=0)
         return float(np.sqrt(variance[self.valid].mean()))
@@ -236,7 +314,7 @@ def whitener(
     shared, single = _gauge_modes(gauge[:, p, i], targets.reference, targets.rests)
     modes = np.concatenate([targets.modes[:, :, p, i], prediction_modes[:, :, p, i], shared])
     modes, single = (np.where(noise.valid, np.nan_to_num(x), 0.0) for x in (modes, single))
-    names = *targets.mode_names, *("mesh",) * len(prediction_modes), *("gauge:reference",) * len(shared)
+    names = *targets.mode_names, *("mesh",) * len(prediction_modes), *(OWN,) * len(shared)
     return Whitener(noise, np.concatenate([modes, single]), len(modes), names)
 
 

@@ -43,8 +43,8 @@ def _drawn(story: Story, name: str, *, place: str) -> list[Picture]:
     texts = {
         "error": (
             "How the error fell",
-            "RMS of measured minus model at all markers, and what noise and shared errors would give. "
-            "Pale: what the next step takes off. Line, brackets: without shared errors, each at most 3 sd.",
+            "RMS of measured minus model at all markers, and that of a right model after its fit. "
+            "Pale: what the next step takes off.",
             True,
         ),
         "evidence": (
@@ -170,7 +170,7 @@ def held_out_films(story: Story) -> list[ForetoldFilm]:
 def _unseen(row: ForetoldFilm) -> Picture:
     """Picture of the error in a film before and after, with its expected value."""
     both = {"calibrated": row.before, "with effects": row.after}
-    bars = [(name, film.raw_rms_mm, film.rms_mm) for name, film in both.items() if film]
+    bars = [(name, film.raw_rms_mm) for name, film in both.items() if film]
     foot = row.before.noise_sd_mm if row.before.expected_mm is None else row.before.expected_mm
     drawing = plots.falling(bars, expected_mm=foot)
     caption = "No fit has seen this film."

@@ -1,9 +1,11 @@
 """The sentences of the report: what to do, where the model fails, what these data cannot show."""
 
+import re
 from typing import Any
 
 from twin.chain import STAGES, When
-from twin.numerals import short
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord
+from twin.diagnosis.wording import capital
 from twin.report.story import Story
 
 FILMED = ("camera", "measure")  # stages of a project with a film
@@ -39,10 +41,10 @@ def opening(story: Story) -> list[str]:
     d, last, (before, _) = story.diagnosis, story.diagnosis.next_test, story.unmended
     if before is None or d.raw_rms_before_mm is None:
         return []
-    fall = f"The model misses the film by {before:.3f} mm rms"
+    clauses = [f"The model misses the film by {before:.3f} mm.", _right(d)]
     if story.added is not None:
-        fall += f", {story.labels[1]} by {story.added.raw_rms_mm:.3f} mm"
-    sentences = [f"{fall}; the measurement and the mesh are uncertain by {d.expected_mm:.3f} mm."]
+        clauses.append(f"{capital(story.labels[1])} it misses it by {story.added.raw_rms_mm:.3f} mm.")
+    sentences = [" ".join(filter(None, clauses))]
     if last:
         return [*sentences, f"To be sure, make the next test: {_small(last)}"]
     if story.added.adequate if story.added else d.adequate:
@@ -61,7 +63,8 @@ def where(story: Story) -> str:
 def mechanism(story: Story) -> str:
     """Sentences of the diagnosis after its first one; the errors stand in the opening."""
     parts = story.said[1].removesuffix(".").split(". ")
-    return "".join(f"{part}. " for part in parts if part and not part.startswith("The error falls"))
+    told = re.compile(r"The model misses the film|A right model would|With .* it misses it by")
+    return "".join(f"{part}. " for part in parts if part and not told.match(part))
 
 
 def commands(story: Story) -> list[str]:
@@ -76,20 +79,34 @@ def commands(story: Story) -> list[str]:
 
 
 def errors_of(story: Story) -> dict[str, Any] | None:
-    """The errors before and after and the expected one, mm, with what the models are called and what is left
-    without shared errors; None without a diagnosis."""
+    """The errors before and after and the expected one, mm, with what the models are called; None without a
+    diagnosis."""
     d, (before, after), added = story.diagnosis, story.labels, story.added
-    raw, cleaned = story.unmended
+    raw, _ = story.unmended
     if raw is None or d.raw_rms_before_mm is None:
         return None
     return {
         "before_mm": raw,
         "after_mm": added.raw_rms_mm if added else None,
         "expected_mm": d.expected_mm,
-        "before_note": f"{before}; {short(cleaned)} mm without shared errors",
-        "after_note": f"{after}; {short(added.rms_mm)} mm without shared errors" if added else None,
-        "expected_note": f"of noise and shared errors; {short(d.noise_sd_mm)} mm of noise alone",
+        "before_note": before,
+        "after_note": after if added else None,
+        "expected_note": _band(d),
     }
+
+
+def _band(d: DiagnosisRecord) -> str:
+    """The 95 % band of the error of a right model."""
+    if d.expected_low_mm is None or d.expected_high_mm is None:
+        return "of a right model"
+    return f"of a right model; 95 %: {d.expected_low_mm:.3f} to {d.expected_high_mm:.3f} mm"
+
+
+def _right(d: DiagnosisRecord) -> str:
+    """The same as a sentence; "" where it is not known."""
+    if d.expected_low_mm is None or d.expected_high_mm is None:
+        return ""
+    return f"A right model would miss it by {d.expected_low_mm:.3f} to {d.expected_high_mm:.3f} mm (95 %)."
 
 
 def _small(sentence: str) -> str:

@@ -114,7 +114,7 @@ def compared(root: Path, kind: str, effects: list[str], rms: float, **beside: ob
     """A run with a fit and its comparison."""
     with Project.open(root).new_run(kind) as run:
         run.write(FitRecord.of(FIT, effects=effects, **beside))
-        found = {"rms_mm": rms, "raw_rms_mm": 2 * rms, "expected_mm": 0.5, "noise_sd_mm": 0.02, "adequate": rms < 0.021}
+        found = {"rms_mm": rms, "raw_rms_mm": 2 * rms, "expected_mm": 0.5, "expected_low_mm": 0.4, "expected_high_mm": 0.6, "noise_sd_mm": 0.02, "adequate": rms < 0.021}
         run.write_json("comparison.json", found)
 
 
@@ -137,8 +137,8 @@ def test_the_error_falls_from_nominal_constants_over_every_effect(root: Path) ->
     assert rows[-1].run.endswith("-drop")
     text = in_words(rows[:3])
     assert text == (
-        "Error, mm rms: nominal constants 6.000 -> calibrated 0.600 -> + creep 0.200; 0.500 is expected. Without "
-        "errors that many values share: 5.000 -> 0.300 -> 0.100; the noise is 0.020."
+        "Error, mm rms: nominal constants 6.000 -> calibrated 0.600 -> + creep 0.200; a right model: 0.400 to "
+        "0.600 (95 %)."
     )
     old = rows[1].model_copy(update={"raw_rms_mm": None, "expected_mm": None})  # as an older version wrote it
     assert (old.error_mm, old.foot_mm) == (0.3, 0.02)

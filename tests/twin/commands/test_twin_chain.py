@@ -267,16 +267,16 @@ def test_review_holds_every_generation_and_the_numbers(chain: tuple[Project, Sil
     assert first["initial"]["rms_mm"] > 0
     steps = [line for line in chain[1].lines if line.startswith("Error, mm rms: nominal constants ")]
     assert len(steps) == 1
-    assert f"-> + {fit['effects'][0]} {compared['raw_rms_mm']:.3f}; {compared['expected_mm']:.3f} is expected" in steps[0]
-    assert f"-> {compared['rms_mm']:.3f}; the noise is {compared['noise_sd_mm']:.3f}." in steps[0]
+    assert f"-> + {fit['effects'][0]} {compared['raw_rms_mm']:.3f}; a right model: " in steps[0]
+    assert f"{compared['expected_low_mm']:.3f} to {compared['expected_high_mm']:.3f} (95 %)." in steps[0]
     opening = re.search(r'<p class="summary">(.*?)</p>', report)
     assert opening is not None
     assert opening[1].startswith(
-        f"The model misses the film by {diagnosis['raw_rms_before_mm']:.3f} mm rms, with {fit['effects'][0]} by "
-        f"{compared['raw_rms_mm']:.3f} mm; the measurement and the mesh are uncertain by "
-        f"{diagnosis['expected_mm']:.3f} mm. "
+        f"The model misses the film by {diagnosis['raw_rms_before_mm']:.3f} mm. A right model would miss it by "
+        f"{diagnosis['expected_low_mm']:.3f} to {diagnosis['expected_high_mm']:.3f} mm (95 %). With "
+        f"{fit['effects'][0]} it misses it by {compared['raw_rms_mm']:.3f} mm. "
     )
-    assert len(re.findall(r"\.(?: |$)", opening[1])) == 2  # sentences, below that of the headline
+    assert len(re.findall(r"\.(?: |$)", opening[1])) == 4  # sentences, below that of the headline
     where = read(project, "compare", "comparison.json")["where"]
     assert isinstance(where, str)
     assert html.escape(where) in report

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twin.judging.noisefilter import shrunk
-from twin.judging.whitening import _gauge_modes, whitener
+from twin.judging.whitening import Whitener, _gauge_modes, whitener
 from twin.targets import Array, Noise, Targets
 
 DRAWS = 2000
@@ -164,9 +164,46 @@ def test_the_expected_error_is_that_of_noise_and_shared_errors_together(targets:
     w = whitener(targets, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
     noise, _ = drawn(targets, gauge, DRAWS, seed=7)
     # 2000 draws tell the size of each of two modes within 2 %
-    assert np.sqrt(np.mean([w.error(row) ** 2 for row in noise])) == pytest.approx(w.expected, rel=0.05)
-    assert w.expected > 2 * w.noise_sd
+    assert np.sqrt(np.mean([w.error(row) ** 2 for row in noise])) == pytest.approx(w.stated, rel=0.05)
+    assert w.stated > 2 * w.noise_sd
+    assert w.expected_after(np.zeros((0, *gauge.shape))).rms_mm == pytest.approx(w.stated, rel=1e-9)
     assert w.error(noise[0]) == pytest.approx(np.sqrt((noise[0][targets.valid] ** 2).mean()))
+
+
+def left_by_a_fit(w: Whitener, t: Targets, gauge: Array, jacobian: Array) -> Array:
+    """The errors (DRAWS,) in mm of a right model, fitted by generalised least squares to draws of noise."""
+    noise, _ = drawn(t, gauge, DRAWS, seed=8)
+    columns = w.whiten(jacobian)
+    found = w.whiten(noise) @ columns.T @ np.linalg.inv(columns @ columns.T)
+    return np.array([w.error(row) for row in noise - np.tensordot(found, jacobian, 1)])
+
+
+def test_a_right_model_misses_by_what_is_expected_after_its_fit(targets: Targets) -> None:
+    gauge = gauge_of(targets)
+    w = whitener(targets, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
+    jacobian = 3 * targets.modes[:1]
+    found, errors = w.expected_after(jacobian), left_by_a_fit(w, targets, gauge, jacobian)
+    # a mode that the fit takes is expected no more; 2000 draws tell a mean square within 3 %
+    assert found.rms_mm < 0.9 * w.stated
+    assert found.rms_mm == pytest.approx(np.sqrt((errors**2).mean()), rel=0.05)
+    inside = (found.low_mm < errors) & (errors < found.high_mm)
+    assert 0.92 <= inside.mean() <= 0.98
+    assert (errors > found.high_mm).any()
+
+
+def test_of_values_that_no_fit_has_seen_more_is_expected(targets: Targets) -> None:
+    """What both films share and the fit has taken into its constants is no error of its prediction."""
+    gauge, none = gauge_of(targets), np.zeros((0, *targets.value.shape))
+    jacobian = np.random.default_rng(9).standard_normal((1, *gauge.shape))
+    halves = [replace(targets, held_out=targets.block == b) for b in (1, 0)]
+    seen, unseen = (whitener(t, prediction_modes=none, gauge=gauge) for t in halves)
+    found = unseen.expected_unseen(seen, jacobian)
+    noise, _ = drawn(targets, gauge, DRAWS, seed=8)
+    columns = seen.whiten(jacobian)
+    theta = seen.whiten(noise) @ columns.T @ np.linalg.inv(columns @ columns.T)
+    errors = np.array([unseen.error(row) for row in noise - np.tensordot(theta, jacobian, 1)])
+    assert found.rms_mm == pytest.approx(np.sqrt((errors**2).mean()), rel=0.05)
+    assert 0.92 <= ((found.low_mm < errors) & (errors < found.high_mm)).mean() <= 0.98
 
 
 def test_rms_is_without_shared_modes_but_with_gauge_noise(targets: Targets) -> None:
