@@ -279,7 +279,7 @@ PLAIN = {
 }  # fmt: skip
 # Words of the terminal and of the recording, as they stand in the code.
 SAID = (
-    "adequate", "at its bound", "BIC gain", "errors that many values share", "evidence", "foretold", "generation", "held out",
+    "adequate", "at its bound", "BIC gain", "evidence", "foretold", "generation", "held out",
     "nominal constants", "not refitted", "not visible", "p-value", "residual", "score", "share", "times its noise",
 )  # fmt: skip
 

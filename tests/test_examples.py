@@ -74,7 +74,7 @@ def test_diagnose_table(capsys: pytest.CaptureFixture[str]) -> None:
     # A delay of 1 s was put in by hand; the two meshes differ by what is not in the sd.
     assert value == pytest.approx(1.0, abs=4 * sd)
     assert sd < 0.02
-    assert number(r"from # to", text) > 3 * number(r"; # mm is expected", text)
+    assert number(r"misses the film by #", text) > 3 * number(r"by \S+ to # mm", text)
 
 
 @pytest.mark.slow
