@@ -19,7 +19,6 @@ from calibrate.statistics import (
     holm,
     identifiability,
     omnibus,
-    omnibus_test,
     sidak,
 )
 
@@ -34,7 +33,6 @@ __all__ = [
     "identifiability",
     "least_squares",
     "omnibus",
-    "omnibus_test",
     "profile_likelihood",
     "sidak",
 ]

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibrate import chi2_test, excess, omnibus_test
+from calibrate import chi2_test, excess
+from calibrate.statistics import omnibus_test
 from twin.judging.fitrecord import BeyondRow, ComparisonRecord, FitTest, MapRow, UnseenFilm
 from twin.judging.lawerrors import memory
 from twin.judging.sharederrors import beyond, in_words
