@@ -16,19 +16,21 @@ from fe.material import Material
 from fe.mesh.convert import without_unused_nodes
 from fe.mesh.refine import enriched
 
+Acting = tuple[int, float]  # step in which a load was stated last, its value
 MOST_NODES = 10_000  # of a mesh whose elements become 27-node ones
 
 
 @dataclass
 class Draft:
-    """Content of a deck so far: sets hold labels, supports (set, component, mm), forces N on each node.
+    """Content of a deck so far: sets hold labels, supports (set, component, mm), loads their step and value.
 
-    turning: held rotations. shares: pressure of each loaded surface over the largest. here: the mesh being
-    filled, `mesh` or a part. numbered: offset of the labels of each instance. elastic: modulus and Poisson's
-    ratio of *ELASTIC. instantaneous: true for laws with instantaneous constants. amplitudes: peak of each
-    amplitude, and true for an absolute one; tables: its times and values over the peak. courses: first step
-    and table of each loaded surface. pressed: by step, the last keyword and all pressures that act. remarks:
-    sentences about replacements.
+    turning: held rotations. loaded: surfaces under pressure; shares: theirs over the largest. here: the mesh
+    being filled, `mesh` or a part. numbered: offset of the labels of each instance. elastic: modulus and
+    Poisson's ratio of *ELASTIC. instantaneous: true for laws with instantaneous constants. amplitudes: peak
+    of each amplitude, true for an absolute one, and its times and values over the peak. forces: N on each
+    node, by set or label and component. faces: MPa, by face; weights: mm/s2, by direction. named, courses: of
+    each face, its loads, and first step and table. pressed: by step, the last keyword and the pressures of
+    all faces. renewed: last step with OP=NEW, by keyword. remarks: sentences about replacements.
     """
 
     file: str
@@ -41,24 +43,27 @@ class Draft:
     numbered: dict[str, int] = field(default_factory=dict)
     materials: dict[str, Material] = field(default_factory=dict)
     supports: list[tuple[str, int, float]] = field(default_factory=list)
-    forces: dict[tuple[str, int], float] = field(default_factory=dict)
+    forces: dict[tuple[str, int], Acting] = field(default_factory=dict)
     turning: list[tuple[str, int, float]] = field(default_factory=list)
     ties: list[TieDraft] = field(default_factory=list)
     rigid: list[Rigid] = field(default_factory=list)
     coupled: Rigid | None = None
     equations: list[Equation] = field(default_factory=list)
-    loads: dict[str, float] = field(default_factory=dict)
+    loaded: list[str] = field(default_factory=list)
+    faces: dict[tuple[int, int], Acting] = field(default_factory=dict)
+    weights: dict[tuple[float, ...], Acting] = field(default_factory=dict)
+    named: dict[tuple[int, int], tuple[str, ...]] = field(default_factory=dict)
     shares: dict[str, float] = field(default_factory=dict)
     pressures: list[float] = field(default_factory=list)
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     densities: dict[str, float] = field(default_factory=dict)
     elastic: dict[str, tuple[float, float]] = field(default_factory=dict)
     instantaneous: dict[str, bool] = field(default_factory=dict)
-    amplitudes: dict[str, tuple[float, bool]] = field(default_factory=dict)
-    tables: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    courses: dict[str, tuple[int, tuple[float, ...]]] = field(default_factory=dict)
+    amplitudes: dict[str, tuple[float, bool, tuple[float, ...]]] = field(default_factory=dict)
+    courses: dict[tuple[int, int], tuple[int, tuple[float, ...]]] = field(default_factory=dict)
     steps: int = 0
-    pressed: dict[int, tuple[Keyword, dict[str, float]]] = field(default_factory=dict)
+    pressed: dict[int, tuple[Keyword, dict[tuple[int, int], Acting]]] = field(default_factory=dict)
+    renewed: dict[str, int] = field(default_factory=dict)
     material: str = ""
     remarks: dict[str, None] = field(default_factory=dict)
 
@@ -145,7 +150,7 @@ class Draft:
 
     def _check_loads(self) -> None:
         """ValueError where a pressure acts on a sheet."""
-        for name in self.loads:
+        for name in self.loaded:
             if any(e in self.mesh.sheets for e, _ in self.mesh.surfaces[name]):
                 raise ValueError(
                     f"{self.file}: the loaded surface {name!r} is that of a sheet, and a layer carries no "
@@ -190,10 +195,9 @@ class Draft:
                 )
             surfaces[name] = np.stack([rows(self.file, numbers, list(e), "element"), f], axis=1)
         pressurised = None
-        if self.loads:
-            pressurised = "+".join(self.loads)
-            surfaces[pressurised] = np.concatenate([surfaces[name] for name in self.loads])
-            _check_apart(self, surfaces[pressurised], numbers)
+        if self.loaded:
+            pressurised = "+".join(self.loaded)
+            surfaces[pressurised] = np.concatenate([surfaces[name] for name in self.loaded])
         forces = _forces(self, node_sets, labels)
         return Case(
             nodes=np.array([mesh.nodes[n] for n in labels.tolist()]),
@@ -208,16 +212,6 @@ class Draft:
             forces=forces,
             equations=tuple(self.equations),
             shares=self.shares,
-        )
-
-
-def _check_apart(draft: Draft, faces: Integers, numbers: Integers) -> None:
-    """ValueError where a face lies in two surfaces that carry the pressure: it would act twice."""
-    distinct, count = np.unique(faces, axis=0, return_counts=True)
-    for e, f in distinct[count > 1][:1].tolist():
-        raise ValueError(
-            f"{draft.file}: face {f + 1} of element {numbers[e]} lies in two loaded surfaces, "
-            f"{' and '.join(draft.loads)}; wanted it in one, as the pressure would act twice"
         )
 
 
@@ -257,7 +251,7 @@ def _supports(draft: Draft, sets: dict[str, Integers]) -> tuple[Support, ...]:
 def _forces(draft: Draft, sets: dict[str, Integers], labels: Integers) -> dict[str, Array]:
     """*CLOAD acts on every node of a set; a case spreads one force over it."""
     out: dict[str, Array] = {}
-    for (where, d), value in draft.forces.items():
+    for (where, d), (_, value) in draft.forces.items():
         name = where
         if where.isdigit():
             name = f"node_{where}"

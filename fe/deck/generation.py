@@ -6,7 +6,7 @@ import numpy as np
 
 from fe.deck import setnames
 from fe.deck.draft import Draft
-from fe.deck.keywords import Keyword, Place
+from fe.deck.keywords import Keyword, Place, filled
 from fe.deck.meshkeywords import MOST_MEMBERS, join, place_node, put_element
 from fe.element import Array
 
@@ -18,8 +18,7 @@ def ngen(draft: Draft, k: Keyword) -> None:
     k.only("NSET")
     added: list[int] = []
     for line, words in k.data:
-        start, end = k.wholes(line, words[:2], low=1)
-        step = k.whole(line, words[2], low=1) if len(words) > 2 and words[2] else 1
+        start, end, step = k.wholes(line, filled(words, "", "", "1"), low=1)
         if (end - start) % step or not 0 < end - start < MOST_MEMBERS:
             raise k.error(f"{start}, {end}, {step}: wanted first < last, whole steps apart", line)
         a, b = (_node(draft, k, line, n) for n in (start, end))
@@ -41,8 +40,8 @@ def nfill(draft: Draft, k: Keyword) -> None:
     k.only("NSET")
     added: list[int] = []
     for line, words in k.data:
-        starts, ends = (setnames.known(k, draft.here.node_sets, w, line) for w in words[:2])
-        count, step = k.wholes(line, words[2:4], low=1)
+        starts, ends = (setnames.known(k, draft.here.node_sets, w, line) for w in filled(words, "", ""))
+        count, step = k.wholes(line, filled(words[2:], "", "1"), low=1)
         if len(starts) != len(ends) or len(starts) * count > MOST_MEMBERS:
             raise k.error(f"sets of {len(starts)} and {len(ends)} nodes: wanted two of one size", line)
         for a, b in zip(starts, ends, strict=True):
@@ -60,10 +59,10 @@ def ncopy(draft: Draft, k: Keyword) -> None:
     if "SHIFT" not in k.parameters:
         raise k.error("*NCOPY without SHIFT: wanted *NCOPY, SHIFT and a translation")
     more, old = k.whole(k.place, k.text("CHANGE NUMBER")), k.text("OLD SET")
-    shifts = [k.numbers(line, words) for line, words in k.data]
+    shifts = [k.numbers(line, filled(words, *[""] * 7)) for line, words in k.data]
     if any(any(row) for row in shifts[1:]):
         raise k.error("*NCOPY with a rotation: wanted a translation alone; write the nodes out", k.data[1][0])
-    shift = np.array([*shifts[0], 0.0, 0.0, 0.0][:3]) if shifts else np.zeros(3)
+    shift = np.array(shifts[0][:3]) if shifts else np.zeros(3)
     chosen = setnames.known(k, draft.here.node_sets, old, k.place)
     for n in list(chosen):
         place_node(draft, k, k.place, n + more, _node(draft, k, k.place, n) + shift)

@@ -11,6 +11,7 @@ from fe.deck.keywords import Keyword
 from fe.material import Material
 
 INCOMPRESSIBLE = 1e4  # K / shear modulus where D1 = 0, which stands for incompressible
+OPTIONS = {"N", "MODULI", "DEPENDENCIES"}  # of *HYPERELASTIC, none of which names a law
 TERMS = ("C10", "C01", "C20", "C30", "ogden", "chains")  # of a material, that a form may hold
 
 
@@ -31,7 +32,8 @@ class Form:
 
     def fits(self, parameters: Mapping[str, str]) -> bool:
         """True if the parameters of a keyword select this form."""
-        return self.kind in parameters and self.order in (None, _order(parameters))
+        polynomial_by_default = self.kind == "POLYNOMIAL" and set(parameters) <= OPTIONS
+        return (self.kind in parameters or polynomial_by_default) and self.order in (None, _order(parameters))
 
 
 def _order(parameters: Mapping[str, str]) -> int:
@@ -99,7 +101,7 @@ def read_law(k: Keyword) -> Material:
     """The material of a *HYPERELASTIC. ValueError for a law that is not among FORMS."""
     if "TEST DATA INPUT" in k.parameters:
         raise k.error("*HYPERELASTIC from test data: wanted constants; let Abaqus print its fit")
-    c = [x for line, words in k.data for x in k.numbers(line, [w for w in words if w])]
+    c = [x for row in k.rows(8, "constants") for x in k.numbers(k.data[0][0], row)]
     for form in FORMS:
         if form.fits(k.parameters):
             law, D = form.read(c, _order(k.parameters))

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fe.deck.draft import Draft
-from fe.deck.keywords import Keyword
+from fe.deck.keywords import Keyword, filled
 from fe.deck.meshdraft import MeshDraft
 from fe.deck.setnames import apart, renamed, small
 from fe.element import Array
@@ -39,7 +39,7 @@ def instance(draft: Draft, k: Keyword) -> None:
     if part_name not in draft.parts and draft.parts and part_name:
         raise k.error(f"*INSTANCE, PART={part_name}: no such part; wanted one of {', '.join(draft.parts)}")
     source = draft.parts.get(part_name, MeshDraft())
-    moved = [k.numbers(line, [w for w in words if w]) for line, words in k.data]
+    moved = [k.numbers(line, filled(words, *[""] * 7)) for line, words in k.data]
     if any(any(row) for row in moved) and not source.nodes:
         raise k.error("an *INSTANCE that is moved and has its own nodes: wanted one in place")
     if name in draft.numbered:
@@ -98,7 +98,7 @@ def _placed(x: Array, moved: list[list[float]]) -> Array:
     """Position (3,) of an instance's node: translated, then rotated about an axis through two points, in
     degrees."""
     if moved:
-        x = x + np.array([*moved[0], 0.0, 0.0, 0.0][:3])
+        x = x + np.array(moved[0][:3])
     if len(moved) > 1:
         a, turn = _turn(moved[1])
         x = a + turn.apply(x - a)

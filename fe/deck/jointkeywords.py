@@ -7,7 +7,7 @@ from fe.case import Equation
 from fe.deck import setnames
 from fe.deck.draft import Draft
 from fe.deck.joints import Rigid, TieDraft
-from fe.deck.keywords import Keyword, Place
+from fe.deck.keywords import Keyword, Place, filled
 
 ALL = (0, 1, 2)
 
@@ -34,7 +34,6 @@ def equation(draft: Draft, k: Keyword) -> None:
             place, row = next(lines, (line, []))
             if not row:
                 raise IndexError
-            row = row[: -1] if len(row) % 3 and not row[-1] else row
             rows += [(place, row[i : i + 3]) for i in range(0, len(row), 3)]
         terms = [_term(draft, k, place, row) for place, row in rows]
         size = max(len(labels) for labels, _, _ in terms)
@@ -47,7 +46,7 @@ def equation(draft: Draft, k: Keyword) -> None:
 
 def _term(draft: Draft, k: Keyword, line: Place, row: list[str]) -> tuple[list[int], int, float]:
     chosen = setnames.members(draft, k, draft.mesh.node_sets, row[0], line)
-    component, (factor,) = k.whole(line, row[1], low=1, high=3), k.numbers(line, row[2:3])
+    component, factor = k.whole(line, row[1], low=1, high=3), k.numbers(line, filled(row[2:], ""))[0]
     if not factor or not chosen:
         raise k.error("*EQUATION with the factor 0, or an empty set: wanted factors that are not 0", line)
     return sorted(chosen), component - 1, factor
@@ -60,7 +59,7 @@ def mpc(draft: Draft, k: Keyword) -> None:
         if kind not in ("TIE", "PIN", "BEAM"):
             raise k.error(f"*MPC {kind}: wanted TIE, PIN or BEAM; write *EQUATION for others", line)
         followers, masters = (
-            setnames.members(draft, k, draft.mesh.node_sets, word, line) for word in words[1:3]
+            setnames.members(draft, k, draft.mesh.node_sets, word, line) for word in filled(words[1:], "", "")
         )
         if len(masters) not in (1, len(followers)):
             raise k.error(
@@ -128,10 +127,10 @@ def _components(k: Keyword, start: int) -> tuple[int, ...]:
     """The components that data lines name, by default 0, 1, 2."""
     components: set[int] = set()
     for line, words in k.data:
-        numbers = [w for w in words[start:] if w]
-        if numbers:
-            low = k.whole(line, numbers[0], low=1, high=6)
-            high = k.whole(line, numbers[1], low=low, high=6) if len(numbers) > 1 else low
+        first, last = filled(words[start:], "", "")
+        if first or last:
+            low = k.whole(line, first, low=1, high=6)
+            high = k.whole(line, last or first, low=low, high=6)
             components |= set(range(low - 1, high))
     return tuple(sorted(components & {0, 1, 2})) if components else ALL
 

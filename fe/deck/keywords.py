@@ -5,10 +5,12 @@ import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 
 from fe.deck.expressions import value_of
 
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 LARGEST = 10**9  # of a label: Abaqus takes nine digits
 
 
@@ -38,13 +40,19 @@ class Keyword:
 
     def numbers(self, place: Place, words: list[str]) -> list[float]:
         """The words as finite numbers; an empty word is 0."""
-        try:
-            values = [float(w.lower().replace("d", "e")) if w else 0.0 for w in words]
-        except ValueError:
-            raise self.error(f"{_shown(words)}: wanted numbers", place) from None
+        numeric = all(NUMBER.fullmatch(w) for w in words if w)
+        values = [float(w.lower().replace("d", "e") or 0) for w in words] if numeric else [math.nan]
         if not all(map(math.isfinite, values)):
-            raise self.error(f"{_shown(words)}: wanted finite numbers", place)
+            raise self.error(f"{_shown(words)}: wanted finite numbers, such as 0.03 or 3e-2", place)
         return values
+
+    def rows(self, size: int, what: str) -> list[list[str]]:
+        """Fields of each data line, `size` of them: absent ones are empty. ValueError for more, which names
+        what they are."""
+        for place, words in self.data:
+            if any(words[size:]):
+                raise self.error(f"*{self.name}: {len(words)} {what} on a line; wanted at most {size}", place)
+        return [filled(words, *[""] * size) for _, words in self.data]
 
     def whole(self, place: Place, word: str, *, low: int = -LARGEST, high: int = LARGEST) -> int:
         """A word as a whole number from low to high."""
@@ -57,7 +65,8 @@ class Keyword:
         values = self.numbers(place, words)
         for word, x in zip(words, values, strict=True):
             if not x.is_integer() or not low <= x <= high:
-                raise self.error(f"{_shown([word])}: wanted a whole number, {low} to {high}", place)
+                shown = _shown([word]) or "an empty field"
+                raise self.error(f"{shown}: wanted a whole number, {low} to {high}", place)
         return [int(x) for x in values]
 
     def text(self, parameter: str) -> str:
@@ -71,6 +80,16 @@ class Keyword:
         unsupported = sorted(set(self.parameters) - set(allowed))
         if unsupported:
             raise self.error(f"*{self.name}, {unsupported[0]}: not supported; wanted *{self.name} without it")
+
+
+def filled(words: list[str], *defaults: str) -> list[str]:
+    """First fields of a data line, as many as `defaults`; an empty or absent one is its default, where "" is
+    the number 0.
+
+    >>> filled(["1.1", "", "0.5", ""], "", "0.2", "0.3", "0.4", "0.5")
+    ['1.1', '0.2', '0.5', '0.4', '0.5']
+    """
+    return [word or default for word, default in zip_longest(words[: len(defaults)], defaults)]
 
 
 def _shown(words: list[str]) -> str:
@@ -225,11 +244,13 @@ def _lines(
 
 
 def _words(text: str) -> list[str]:
-    """Comma-separated words of a line; commas in quotation marks do not separate.
+    """Comma-separated words of a line up to the last that is not empty; commas in quotation marks do not
+    separate.
 
-    >>> _words('*NSET, NSET="A, B", GENERATE')
-    ['*NSET', 'NSET="A, B"', 'GENERATE']
+    >>> _words('*NSET, NSET="A, B", GENERATE'), _words("0.3, , 0.1, ,")
+    (['*NSET', 'NSET="A, B"', 'GENERATE'], ['0.3', '', '0.1'])
     """
+    text = text.rstrip(", \t")
     if '"' not in text:
         return [w.strip() for w in text.split(",")]
     parts = text.split('"')

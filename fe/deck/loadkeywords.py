@@ -1,13 +1,19 @@
 """Keywords that state supports and loads."""
 
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any, TypeVar
+
 import numpy as np
 
 from fe.deck import setnames
-from fe.deck.draft import Draft
-from fe.deck.keywords import Keyword, Place
+from fe.deck.draft import Acting, Draft
+from fe.deck.keywords import Keyword, Place, filled
+from fe.deck.meshdraft import Faces
 from fe.deck.meshkeywords import face
 from fe.deck.setnames import small
 
+T = TypeVar("T")
 NAMED = {"ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2), "XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,)}
 TURNING = {"ENCASTRE": (3, 4, 5), "XSYMM": (4, 5), "YSYMM": (3, 5), "ZSYMM": (3, 4)}
 
@@ -24,9 +30,7 @@ def _set_of(draft: Draft, k: Keyword, line: Place, word: str) -> str:
 
 def boundary(draft: Draft, k: Keyword) -> None:
     """*BOUNDARY."""
-    k.only("OP", "AMPLITUDE")
-    if k.parameters.get("OP", "MOD").upper() == "NEW":
-        raise k.error("*BOUNDARY, OP=NEW: wanted boundary conditions that stay; leave OP out")
+    _renew(draft, k, draft.supports, draft.turning)
     for line, words in k.data:
         where = _set_of(draft, k, line, words[0])
         if words[1].upper() in NAMED:
@@ -34,8 +38,8 @@ def boundary(draft: Draft, k: Keyword) -> None:
             draft.turning += [(where, d, 0.0) for d in TURNING.get(words[1].upper(), ())]
             continue
         low = k.whole(line, words[1], low=1, high=6)
-        high = k.whole(line, words[2], low=low, high=6) if len(words) > 2 and words[2] else low
-        value = k.numbers(line, words[3:4])[0] if len(words) > 3 else 0.0
+        high = k.whole(line, filled(words[2:], words[1])[0], low=low, high=6)
+        (value,) = k.numbers(line, filled(words[3:], ""))
         value = followed(draft, k, value) if value else value
         draft.supports += [(where, d - 1, value) for d in range(low, high + 1) if d <= 3]
         draft.turning += [(where, d - 1, value) for d in range(low, high + 1) if d > 3]
@@ -52,13 +56,16 @@ def amplitude(draft: Draft, k: Keyword) -> None:
     """*AMPLITUDE, a table of times and values: its value that is largest in size."""
     if k.parameters.get("DEFINITION", "TABULAR").upper() not in ("TABULAR", "SMOOTH STEP"):
         raise k.error(f"*AMPLITUDE, DEFINITION={k.parameters['DEFINITION']}: wanted a table of times, values")
-    table = [v for line, words in k.data for v in k.numbers(line, words)]
+    pairs = [row[n : n + 2] for row in k.rows(8, "numbers") for n in range(0, 8, 2) if any(row[n : n + 2])]
+    table = [v for pair in pairs for v in k.numbers(k.place, pair)]
+    if any(b <= a for a, b in pairwise(table[::2])):
+        raise k.error("*AMPLITUDE with times that do not increase: wanted time, value, time, value ..")
     peak = max(table[1::2], key=abs, default=0.0)
     if not peak:
         raise k.error("*AMPLITUDE of nothing but 0: wanted times and values, such as 0., 0., 1., 1.")
     absolute = k.parameters.get("VALUE", "RELATIVE").upper().startswith("ABS")
-    draft.amplitudes[small(k.text("NAME"))] = peak, absolute
-    draft.tables[small(k.text("NAME"))] = tuple(v / peak if n % 2 else v for n, v in enumerate(table))
+    course = tuple(v / peak if n % 2 else v for n, v in enumerate(table))
+    draft.amplitudes[small(k.text("NAME"))] = peak, absolute, course
 
 
 def followed(draft: Draft, k: Keyword, value: float) -> float:
@@ -68,14 +75,34 @@ def followed(draft: Draft, k: Keyword, value: float) -> float:
         return value
     if small(amplitude) not in draft.amplitudes:
         raise k.error(f"*{k.name}, AMPLITUDE={amplitude}: not defined above; wanted *AMPLITUDE before it")
-    factor, absolute = draft.amplitudes[small(amplitude)]
+    factor, absolute, _ = draft.amplitudes[small(amplitude)]
     draft.remark(f"*{k.name} follows the amplitude {amplitude}: it is read at its largest value, {factor:g}.")
     return factor if absolute else factor * value
 
 
+def _renew(draft: Draft, k: Keyword, *loads: list[Any] | dict[Any, Any]) -> None:
+    """Take off what was stated before, by the first OP=NEW of a step."""
+    k.only("OP", "AMPLITUDE")
+    if (op := k.parameters.get("OP", "MOD").upper()) not in ("MOD", "NEW"):
+        raise k.error(f"*{k.name}, OP={op}: wanted OP=NEW, or OP=MOD, the default")
+    kind = k.name.replace("DSLOAD", "DLOAD")
+    if op == "NEW" and draft.renewed.get(kind) != draft.steps:
+        draft.renewed[kind] = draft.steps
+        for stated in loads:
+            stated.clear()
+
+
+def _put(draft: Draft, loads: dict[T, Acting], key: T, value: float) -> bool:
+    """State a load, which adds to that of the same step and replaces that of an earlier one. True if it
+    adds."""
+    step, before = loads.get(key, (-1, 0.0))
+    loads[key] = draft.steps, value + (before if step == draft.steps else 0.0)
+    return step == draft.steps
+
+
 def dsload(draft: Draft, k: Keyword) -> None:
     """*DSLOAD, a pressure on a surface."""
-    k.only("OP", "AMPLITUDE")
+    _renew(draft, k, draft.faces, draft.weights)
     for line, words in k.data:
         name = setnames.key(draft.mesh.surfaces, words[0])
         if name is None:
@@ -84,61 +111,82 @@ def dsload(draft: Draft, k: Keyword) -> None:
             )
         if words[1].upper() != "P":
             raise k.error(f"*DSLOAD {words[1]}: wanted P, a pressure", line)
-        _note_pressure(draft, k, name, followed(draft, k, k.numbers(line, words[2:3])[0]))
+        _press(draft, k, line, words, name, draft.mesh.surfaces[name])
+    draft.pressed[draft.steps] = k, dict(draft.faces)
 
 
 def dload(draft: Draft, k: Keyword) -> None:
     """*DLOAD: a pressure on faces of elements, or a weight."""
-    k.only("OP", "AMPLITUDE")
+    _renew(draft, k, draft.faces, draft.weights)
     for line, words in k.data:
         if words[1].upper() == "GRAV":
             _gravity(draft, k, line, words)
             continue
         side = face(k, line, words[1], "P")
         chosen = setnames.members(draft, k, draft.mesh.element_sets, words[0], line)
-        name, value = f"dload_{words[2]}", followed(draft, k, k.numbers(line, words[2:3])[0])
-        draft.mesh.surfaces.setdefault(name, []).extend((e, side) for e in chosen)
-        _note_pressure(draft, k, name, value)
+        _press(draft, k, line, words, f"dload_{filled(words[2:], '0')[0]}", [(e, side) for e in chosen])
+    if draft.named:
+        draft.pressed[draft.steps] = k, dict(draft.faces)
 
 
 def _gravity(draft: Draft, k: Keyword, line: Place, words: list[str]) -> None:
     sets, count = draft.mesh.element_sets, len(draft.mesh.elements)
     if words[0] and len(set(setnames.members(draft, k, sets, words[0], line))) < count:
         raise k.error(f"GRAV on {words[0]}, a part of the elements: wanted all of them", line)
-    size, *direction = k.numbers(line, words[2:6])
+    size, *direction = k.numbers(line, filled(words[2:], "", "", "", ""))
     length = float(np.linalg.norm(direction))
-    if len(direction) != 3 or not length:
+    if not length:
         raise k.error("GRAV: wanted its size in mm/s2 and a direction of three components", line)
-    draft.gravity = size * np.array(direction) / length
+    _put(draft, draft.weights, tuple(x / length for x in direction), followed(draft, k, size))
 
 
-def _note_pressure(draft: Draft, k: Keyword, name: str, value: float) -> None:
-    """Keep a surface's pressure, what it follows, and all that act in this step, as loads stay."""
-    table = draft.tables.get(small(k.parameters.get("AMPLITUDE", "")), ())
-    draft.loads[name] = value
-    draft.courses.setdefault(name, (draft.steps, table))
-    draft.pressed[draft.steps] = k, dict(draft.loads)
+def _press(
+    draft: Draft, k: Keyword, line: Place, words: list[str], name: str, faces: Iterable[tuple[int, int]]
+) -> None:
+    """A pressure on faces (element, face), under the name of a load."""
+    value = followed(draft, k, *k.numbers(line, filled(words[2:], "")))
+    *_, table = draft.amplitudes.get(small(k.parameters.get("AMPLITUDE", "")), ((),))
+    for at in dict.fromkeys(faces):
+        adds = _put(draft, draft.faces, at, value)
+        draft.named[at] = tuple(dict.fromkeys((*(draft.named[at] if adds else ()), name)))
+        draft.courses.setdefault(at, (draft.steps, table))
+        if adds:
+            draft.remark(f"Pressures of {' and '.join(draft.named[at])} add up where they act on one face.")
 
 
 def settle(draft: Draft) -> None:
-    """Complete the draft's loads after the last step: the pressure of every step, and the share of each
-    surface."""
-    for k, loads in draft.pressed.values():
-        top = max(loads.values(), key=abs)
+    """Complete the draft's loads after the last step: gravity, the pressure of every step, and the surfaces
+    under pressure, one for each course of it, with their shares."""
+    draft.gravity = sum((g * np.array(way) for way, (_, g) in draft.weights.items()), np.zeros(3))
+    alike: dict[tuple[Any, ...], Faces] = {}
+    for at, names in draft.named.items():
+        values = [acting.get(at, (0, 0.0))[1] for _, acting in draft.pressed.values()]
+        alike.setdefault((names, draft.courses[at], *values), []).append(at)
+    loads, courses = list[tuple[str, list[float]]](), dict[str, Any]()
+    for (names, course, *values), faces in alike.items():
+        name, number = "+".join(names), 1
+        while name in courses or set(draft.mesh.surfaces.get(name, faces)) != set(faces):
+            name, number = f"{'+'.join(names)}_{number + 1}", number + 1
+        draft.mesh.surfaces[name], courses[name] = faces, course
+        loads.append((name, values))
+    draft.loaded = list(courses)
+    for n, (k, _) in enumerate(draft.pressed.values()):
+        now = {name: values[n] for name, values in loads}
+        top = max(now.values(), key=abs, default=0.0)
         draft.pressures.append(top)
-        grown = [loads[name] / share for name, share in draft.shares.items() if share]
-        if grown and top and not np.allclose(grown, grown[0]):
+        grown = [now[name] / share for name, share in draft.shares.items() if share]
+        if grown and top and not (grown[0] and np.allclose(grown, grown[0])):
             raise k.error("pressures in another ratio than in the step before: wanted one ratio in all steps")
         if top:
-            draft.shares = {name: value / top for name, value in loads.items()}
+            draft.shares = {name: value / top for name, value in now.items()}
     if not set(draft.shares.values()) - {1.0}:
         draft.shares = {}
     if draft.shares:
         listed = ", ".join(f"{share:.4g} on {name}" for name, share in draft.shares.items())
         draft.remark(f"Surfaces carry shares of one pressure, which the log gives: {listed}.")
-    if len(set(draft.courses.values())) > 1:
+    if len(set(courses.values())) > 1:
         draft.remark(
-            f"{' and '.join(draft.courses)} are not filled at one time in the deck: in the model their "
+            f"{' and '.join(courses)} are not filled at one time in the deck: in the model their "
             "pressures rise together. Where a film fills one and another film the other, state "
             "pressure_shares in each."
         )
@@ -146,7 +194,7 @@ def settle(draft: Draft) -> None:
 
 def cload(draft: Draft, k: Keyword) -> None:
     """*CLOAD on every node of a set."""
-    k.only("OP", "AMPLITUDE")
+    _renew(draft, k, draft.forces)
     for line, words in k.data:
         label = setnames.label(draft, words[0])
         if label is None:
@@ -155,4 +203,17 @@ def cload(draft: Draft, k: Keyword) -> None:
         component = k.whole(line, words[1])
         if not 1 <= component <= 3:
             raise k.error(f"*CLOAD in component {component}: wanted 1, 2 or 3", line)
-        draft.forces[where, component - 1] = followed(draft, k, k.numbers(line, words[2:3])[0])
+        (value,) = k.numbers(line, filled(words[2:], ""))
+        chosen = set(setnames.members(draft, k, draft.mesh.node_sets, words[0], line))
+        for (other, d), (at, _) in list(draft.forces.items()):
+            if at == draft.steps or d != component - 1 or other == where:
+                continue
+            replaced = set(setnames.members(draft, k, draft.mesh.node_sets, other, line))
+            if replaced <= chosen:
+                del draft.forces[other, d]
+            elif replaced & chosen:
+                raise k.error(
+                    f"*CLOAD replaces the force of an earlier step on a part of {other} alone: wanted the "
+                    "sets of that step, or OP=NEW with all forces", line,
+                )  # fmt: skip
+        _put(draft, draft.forces, (where, component - 1), followed(draft, k, value))

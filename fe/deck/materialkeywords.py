@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from fe.deck.draft import Draft
 from fe.deck.hyperelastic import read_law
-from fe.deck.keywords import Keyword
+from fe.deck.keywords import Keyword, filled
 from fe.deck.meshdraft import SheetSection
 from fe.deck.setnames import plain, small
 from fe.material import Material
@@ -29,7 +29,7 @@ def elastic(draft: Draft, k: Keyword) -> None:
     if k.parameters.get("TYPE", "ISOTROPIC").upper() not in ("ISOTROPIC", "ISO"):
         raise k.error(f"*ELASTIC, TYPE={k.parameters['TYPE']}: wanted an isotropic one; state a mean modulus")
     line, words = k.data[0]
-    modulus, poisson = k.numbers(line, [*words, "0"][:2])
+    modulus, poisson = k.numbers(line, filled(words, "", ""))
     if not modulus > 0 or not -1 < poisson <= 0.5:
         raise k.error(
             f"*ELASTIC {modulus:g}, {poisson:g}: wanted a modulus above 0, a Poisson's ratio of at most 0.5",
@@ -50,7 +50,7 @@ def viscoelastic(draft: Draft, k: Keyword) -> None:
         raise k.error("*VISCOELASTIC before or without *HYPERELASTIC: wanted it below; move it")
     terms = []
     for line, words in k.data:
-        g, bulk, tau = k.numbers(line, [*words, "0", "0", "0"][:3])
+        g, bulk, tau = k.numbers(line, filled(words, "", "", ""))
         if not (0 <= g < 1 and tau > 0):
             raise k.error(f"*VISCOELASTIC g {g:g}, tau {tau:g}: wanted g from 0 to 1 and tau above 0 s", line)
         if bulk:
@@ -73,7 +73,7 @@ def mullins(draft: Draft, k: Keyword) -> None:
     if draft.material not in draft.materials:
         raise k.error("*MULLINS EFFECT before *HYPERELASTIC: wanted it below; move it")
     line, words = k.data[0]
-    r, m, beta = (*k.numbers(line, [w for w in words if w]), 0.0, 0.0, 0.0)[:3]
+    r, m, beta = k.numbers(line, filled(words, "", "", ""))
     if r <= 1 or m < 0 or beta < 0 or m + beta <= 0:
         raise k.error(f"*MULLINS EFFECT r {r:g}, m {m:g}, beta {beta:g}: wanted r > 1 and m, beta >= 0", line)
     draft.materials[draft.material] = replace(draft.materials[draft.material], mullins=(1 / r, m, beta))
@@ -87,7 +87,7 @@ def _add(draft: Draft, law: Material) -> None:
 def density(draft: Draft, k: Keyword) -> None:
     """*DENSITY."""
     line, words = k.data[0]
-    (value,) = k.numbers(line, words[:1])
+    (value,) = k.numbers(line, filled(words, ""))
     if not 0 <= value * draft.units.density <= HEAVIEST:
         raise k.error(f"*DENSITY {value:g}: wanted tonne/mm3, such as 1.07e-09 for 1070 kg/m3", line)
     draft.densities[draft.material] = value
@@ -106,7 +106,7 @@ def sheet_section(draft: Draft, k: Keyword) -> None:
         if what in k.parameters:
             raise k.error(f"*{k.name}, {what}: wanted a sheet of one isotropic material; state its thickness")
     line, words = k.data[0]
-    (thickness,) = k.numbers(line, words[:1])
+    (thickness,) = k.numbers(line, filled(words, ""))
     if not thickness > 0:
         raise k.error(f"*{k.name}: a thickness of {thickness:g}; wanted one above 0 mm", line)
     section = SheetSection(plain(k.text("MATERIAL")), thickness, k.place)

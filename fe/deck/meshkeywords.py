@@ -8,7 +8,7 @@ import numpy as np
 from fe.deck import setnames
 from fe.deck.draft import Draft
 from fe.deck.elementtypes import KINDS, SHEETS, nodes_of
-from fe.deck.keywords import Keyword, Place
+from fe.deck.keywords import Keyword, Place, filled
 from fe.deck.setnames import small
 
 FARTHEST = 1e5  # mm from the origin
@@ -20,9 +20,9 @@ def nodes(draft: Draft, k: Keyword) -> None:
     k.only("NSET")
     added: list[int] = []
     for line, words in k.data:
-        _, *coordinates = k.numbers(line, words[:4])
-        label, x = k.whole(line, words[0], low=1), np.array([*coordinates, 0.0, 0.0, 0.0][:3])
-        place_node(draft, k, line, label, x)
+        _, *x = k.numbers(line, filled(words, *[""] * 4))
+        label = k.whole(line, words[0], low=1)
+        place_node(draft, k, line, label, np.array(x))
         added.append(label)
     if "NSET" in k.parameters:
         join(setnames.opened(draft, "node_sets", k.text("NSET"), []), added)
@@ -53,7 +53,7 @@ def elements(draft: Draft, k: Keyword) -> None:
         )
     record, added = list[int](), list[int]()
     for line, words in k.data:
-        record += k.wholes(line, [w for w in words if w], low=1)
+        record += k.wholes(line, words, low=1)
         if len(record) > count + 1:
             raise k.error(f"element {record[0]} has {len(record) - 1} nodes; {kind} wants {count}", line)
         if len(record) == count + 1:
@@ -82,12 +82,11 @@ def reader_of_sets(sets: str, parameter: str) -> Callable[[Draft, Keyword], None
         instance = small(k.parameters.get("INSTANCE", ""))
         defined, members = getattr(draft.here, sets), dict.fromkeys(target)
         for line, words in k.data:
-            named = [w for w in words if w]
             if "GENERATE" in k.parameters:
                 more = draft.numbered.get(instance, 0)
-                members |= dict.fromkeys(n + more for n in _generated(k, line, named))
+                members |= dict.fromkeys(n + more for n in _generated(k, line, words))
                 continue
-            for word in named:
+            for word in filter(None, words):
                 members |= dict.fromkeys(setnames.members(draft, k, defined, word, line, instance))
         if parameter == "NSET" and "ELSET" in k.parameters:
             chosen = setnames.known(k, draft.here.element_sets, k.text("ELSET"), k.place)
@@ -98,7 +97,7 @@ def reader_of_sets(sets: str, parameter: str) -> Callable[[Draft, Keyword], None
 
 
 def _generated(k: Keyword, line: Place, words: list[str]) -> range:
-    low, high, step = k.wholes(line, [*words, "1"][:3], low=1)
+    low, high, step = k.wholes(line, filled(words, "", "", "1"), low=1)
     members = range(low, high + 1, step)
     if not 0 < len(members) <= MOST_MEMBERS:
         raise k.error(

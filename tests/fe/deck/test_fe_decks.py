@@ -235,7 +235,7 @@ def test_a_deck_of_abaqus_cae(tmp_path: File) -> None:
         ("type=C3D8H", "type=CGAX4", "line 14: element type CGAX4: wanted one of C3D20R"),
         (" 5, 6, 7, 8\n", " 5, 6, 7\n", "line 14: element 7 has 7 nodes; C3D8H wants 8"),
         ("7, 1, 2, 3, 4,", "7, 1, 2, 3, 44,", "node 44 is used but not defined"),
-        ("5., 5., 5.", "5., x, 5.", "line 13: 900, 5., x, 5.: wanted numbers"),
+        ("5., 5., 5.", "5., x, 5.", "line 13: 900, 5., x, 5.: wanted finite numbers"),
         ("nlgeom=YES", "nlgeom=NO", r"line 39: \*STEP without NLGEOM"),
         ("Base, ENCASTRE", "Bass, ENCASTRE", "line 38: set Bass: not defined above; wanted one of base"),
         ("      1, 0., 0., 0.\n", " 1, nan, 0., 0.\n", "wanted finite numbers"),

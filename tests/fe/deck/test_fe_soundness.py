@@ -163,17 +163,6 @@ def test_pressure_from_outside_is_refused(short: Case) -> None:
 # -- the reader ----------------------------------------------------------------------------------------------
 
 
-def test_a_face_in_two_loaded_surfaces_is_refused(tube_deck: Tube, tmp_path: File) -> None:
-    deck = tube_deck(tmp_path, "C3D8H", cells=4)
-    text = deck.read_text()
-    mesh = tmp_path / "mesh.inc"
-    surface = mesh.read_text()[mesh.read_text().index("*Surface") :]
-    mesh.write_text(mesh.read_text() + surface.replace("name=Chamber", "name=Again"))
-    deck.write_text(text.replace("Tube-1.Chamber, P, 0.08\n", "Tube-1.Chamber, P, 0.08\nAgain, P, 0.08\n"))
-    with pytest.raises(ValueError, match=r"face \d of element \d+ lies in two loaded surfaces, chamber and again"):
-        read_deck(deck)
-
-
 def test_a_surface_that_names_a_face_twice_has_it_once(tube_deck: Tube, tmp_path: File) -> None:
     deck = tube_deck(tmp_path, "C3D8H", cells=4)
     once = read_deck(deck).case.surfaces["chamber"]
