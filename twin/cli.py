@@ -18,6 +18,7 @@ from twin.chain import COMMANDS, Command, Group, Needs, command_of
 from twin.console import BAD_INPUT, INTERRUPTED, Console, guarded
 from twin.signatures import signature_of
 
+SETTINGS = (".numba_config.yaml", "matplotlibrc")  # which numba and matplotlib read in the current folder
 LINE = 63  # characters of help beside the name of a command, on 80 columns
 # without the formats of rich, which take a third of a second to load
 PLAIN: dict[str, Any] = {
@@ -187,6 +188,11 @@ def _parse(arguments: list[str]) -> None:
     """Parse and run the command; a usage error of the parser keeps its own message and exit code."""
     if not re.fullmatch("0*[1-9][0-9]{0,3}", threads := os.environ.get("OMP_NUM_THREADS") or "1"):
         raise ValueError(f"OMP_NUM_THREADS = {threads!r}: wanted a number of threads, 1 or more; unset it")
+    for name in filter(os.path.exists, SETTINGS):
+        raise ValueError(
+            f"{name} lies in this folder, where libraries would take settings from it that can make them run "
+            "programs; remove it, or call twin from another folder, with --project"
+        )
     try:
         code = app(args=arguments, prog_name="twin", standalone_mode=False)
     except typer.Abort:

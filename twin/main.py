@@ -16,6 +16,7 @@ AGAIN_S = 0.01  # after which an interrupt that was dropped, or came too early, 
 
 def start() -> None:
     """Run the command line and exit with its code."""
+    _keep_out()
     signal.signal(signal.SIGINT, _leave)
     signal.signal(signal.SIGTERM, _interrupt)
     sys.unraisablehook = _ask_again
@@ -23,6 +24,18 @@ def start() -> None:
         _run()
     except KeyboardInterrupt:
         _leave(signal.SIGINT, None)
+
+
+def _keep_out() -> None:
+    """Import nothing from the current folder, here or in a child process: it may be a stranger's. An empty or
+    relative part of PYTHONPATH leads there, too, and counts only where this program itself lies."""
+    own = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    parts = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    stated = {own, *filter(os.path.isabs, parts)}
+    os.environ["PYTHONSAFEPATH"] = "1"
+    os.environ["PYTHONPATH"] = os.pathsep.join(p for p in map(os.path.abspath, parts) if p in stated)
+    strange = {os.path.abspath(p) for p in ("", *parts) if not os.path.isabs(p)} - stated
+    sys.path[:] = [p for p in sys.path if os.path.abspath(p) not in strange]
 
 
 def _run() -> None:

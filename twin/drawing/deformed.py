@@ -66,7 +66,7 @@ def can_draw() -> bool:
     """True where VTK can draw off screen: tried once, in a process of its own."""
     try:
         done = subprocess.run(
-            [sys.executable, "-c", PROBE], env={**os.environ, **WINDOW}, capture_output=True, timeout=60
+            [sys.executable, "-P", "-c", PROBE], env={**os.environ, **WINDOW}, capture_output=True, timeout=60
         )
     except subprocess.TimeoutExpired:
         return False

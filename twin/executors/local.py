@@ -51,11 +51,13 @@ class Processes:
             yield from Serial().ended(tasks)
             return
         # a fresh interpreter each: a fork would inherit threads of the numerical libraries in mid-work
-        pool = ProcessPoolExecutor(
-            min(self.workers, len(tasks)), mp_context=mp.get_context("spawn"), initializer=_serve
-        )
+        with _no_local_imports():  # the pool's semaphores start a process, too
+            pool = ProcessPoolExecutor(
+                min(self.workers, len(tasks)), mp_context=mp.get_context("spawn"), initializer=_serve
+            )
         try:
-            with _no_interrupt():  # a worker that is only starting would answer it with a traceback
+            # a worker that is only starting would answer an interrupt with a traceback
+            with _no_interrupt(), _no_local_imports():
                 number: dict[Future[Any], int] = {pool.submit(solved_by, t): k for k, t in enumerate(tasks)}
             pending = set(number)
             while pending:
@@ -114,6 +116,20 @@ def using(executor: Executor) -> Iterator[None]:
         yield
     finally:
         _used.reset(before)
+
+
+@contextmanager
+def _no_local_imports() -> Iterator[None]:
+    """Block whose child processes import nothing from the current folder, which may be a stranger's."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from twin.project.config import Config
 from twin.project.record import RunExtra, RunRecord, RunSummary, SolvesRow, SourceRecord, StoredConfig
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump, former_keys, parse, with_effects, write
-from twin.project.trust import check_folder, leads_out
+from twin.project.trust import check_folder, imported, leads_out
 from twin.records import Record
 from twin.targets import Targets
 from twin.validation import decoded
@@ -184,9 +184,9 @@ class Project:
         return [path for path in named if path.is_file()]
 
     def effect_files(self) -> list[Path]:
-        """The files of the user's own effects that are there."""
-        named = (self.path(name) for name in self.config.model.effect_files)
-        return [path for path in named if path.is_file()]
+        """The files of the user's own effects that are there, and those of the project that they import."""
+        own = [path for name in self.config.model.effect_files if (path := self.path(name)).is_file()]
+        return list(dict.fromkeys([*own, *(other for path in own for other in imported(self.root, path))]))
 
     def lock(self, command: str) -> AbstractContextManager[None]:
         """Hold the project for one writing command; ValueError if a living process holds it."""

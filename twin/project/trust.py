@@ -5,6 +5,7 @@ What is trusted stands in a file of the user's own, outside every project, by di
 so that it is trusted in every folder and no more once it is changed; a link by its two ends.
 """
 
+import ast
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -50,10 +51,41 @@ def remember(root: Path, requests: Iterable[Asked]) -> None:
 
 
 def programs(root: Path, names: Sequence[str]) -> list[Asked]:
-    """The Python files of a project that are there; who runs them says what is missing."""
-    texts = {name: (root / name).read_bytes() for name in names if (root / name).is_file()}
-    what = "a program of {} lines that would run with all your rights"
-    return [Asked(name, what.format(len(text.splitlines())), _digest(text)) for name, text in texts.items()]
+    """The Python files of a project that are there, each with the files of the project that it imports; who
+    runs them says what is missing."""
+    return [_program(root, name) for name in names if (root / name).is_file()]
+
+
+def _program(root: Path, name: str) -> Asked:
+    text, others = (root / name).read_bytes(), files.digest_of(imported(root, root / name), root=root)
+    also = f", and imports {', '.join(others)}," if others else ""
+    what = f"a program of {len(text.splitlines())} lines that would run with all your rights{also}"
+    return Asked(name, what, _digest(b"".join([text, *(f"\0{k}\0{v}".encode() for k, v in others.items())])))
+
+
+def imported(root: Path, program: Path) -> list[Path]:
+    """The files of a project that a Python file imports, and those that these import in turn: modules and
+    packages beside it or in the project folder."""
+    found, todo = dict[Path, None](), [program]
+    while todo:
+        for name in _imports(todo.pop()):
+            for folder in dict.fromkeys((program.parent, root)):
+                new = [p for end in (".py", ".*so", ".*pyd", "/**/*") for p in folder.glob(name + end)]
+                todo += (new := [p for p in new if p.is_file() and p not in (*found, program)])
+                found |= dict.fromkeys(new)
+    return sorted(found)
+
+
+def _imports(path: Path) -> set[str]:
+    """The first names of the modules that a Python file imports; none where it is no Python."""
+    try:
+        nodes = list(ast.walk(ast.parse(path.read_bytes())))
+    except (SyntaxError, ValueError, RecursionError):
+        return set()
+    named = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    for node in (node for node in nodes if isinstance(node, ast.ImportFrom)):
+        named |= {node.module} if node.module else {alias.name for alias in node.names}
+    return {name.partition(".")[0] for name in named}
 
 
 def check_programs(root: Path, config: Config) -> None:

@@ -1,6 +1,9 @@
 """A folder from a stranger: its programs do not run and its links are not followed before `twin trust`."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -256,3 +259,61 @@ def test_a_twin_toml_that_is_a_link_is_refused(folder: Path) -> None:
     (folder / "twin.toml").symlink_to(folder.parent / "twin.toml")
     with pytest.raises(ValueError, match="is a link out of its folder"):
         Project.open(folder)
+
+
+@pytest.mark.parametrize("helper", ["effects/helper.py", "effects/helper/__init__.py", "helper.py", "effects/deeper.py"])
+def test_what_a_program_imports_from_the_folder_is_trusted_with_it(folder: Path, helper: str) -> None:
+    with_program(folder)
+    for name in ("effects/helper.py", helper):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text("from deeper import SIZE\n")
+    if helper != "effects/deeper.py":
+        (folder / "effects" / "deeper.py").write_text("SIZE = 1\n")
+    path = folder / "effects" / "fan.py"
+    path.write_text(path.read_text() + "    def size(self):\n        import helper\n        return helper.SIZE\n")
+    (folder / "effects" / "notes.py").write_text("nobody imports it\n")
+    run("trust", "-p", folder)
+    own_of(Project.open(folder))
+    assert {"effects/fan.py", helper} <= {*map(Project.open(folder).shown, Project.open(folder).effect_files())}
+    (folder / "effects" / "notes.py").write_text("still nobody\n")
+    own_of(Project.open(folder))
+    (folder / helper).write_text("SIZE = 2\n")
+    with pytest.raises(ValueError, match=saying("effects/fan.py", "imports", helper, "twin trust")):
+        own_of(Project.open(folder))
+
+
+WORKERS = """
+from twin.executors.local import Processes
+from twin.drawing.deformed import can_draw
+if __name__ == "__main__":
+    print(sorted(Processes(2).ended([int, int])), can_draw())
+"""
+COMMAND = "import sys; sys.path.append(''); sys.argv = ['twin', 'list']; from twin.main import start; start()"
+
+
+@pytest.mark.parametrize("path", [None, "", ":", ".:", "sub:"])
+def test_nothing_that_lies_in_the_current_folder_runs(folder: Path, path: str | None) -> None:
+    """Neither in the command itself, nor in the drawing's trial or in workers, which `python -c` would let."""
+    for parent in (folder, folder / "sub"):
+        parent.mkdir(exist_ok=True)
+        for name in ("vtkmodules", "numpy", "multiprocessing"):
+            (parent / f"{name}.py").write_text(f"open({str(folder.parent / 'ran')!r}, 'a').write({name!r})\n")
+    script = folder.parent / "workers.py"
+    script.write_text(WORKERS)  # as from a notebook, without the command
+    line, wanted = ([script], "[(0, 0), (1, 0)]") if path is None else (["-P", "-c", COMMAND], "no runs yet")
+    env = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONSAFEPATH")}
+    env |= {} if path is None else {"PYTHONPATH": path}
+    done = subprocess.run([sys.executable, *line], cwd=folder, env=env, capture_output=True, text=True, timeout=120)
+    assert done.stdout.startswith(wanted), done.stderr
+    assert not (folder.parent / "ran").exists()
+
+
+@pytest.mark.parametrize("name", [".numba_config.yaml", "matplotlibrc"])
+def test_settings_of_libraries_in_the_current_folder_are_refused(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """numba unpickles what lies in the cache folder that its settings name."""
+    (folder / name).write_text("")
+    monkeypatch.chdir(folder)
+    with pytest.raises(ValueError, match=saying(name, "remove it", "--project")):
+        cli._parse(["list"])
