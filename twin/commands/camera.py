@@ -33,7 +33,7 @@ def run_camera(project: Project, say: Say) -> dict[str, Any]:
     how = camera_inputs(project)
     done = project.done("camera", **how)
     if done is not None:
-        say(f"Already done in {project.shown(done)}, skipped.")
+        say(f"Already done in {project.shown(done)}, skipped. {project.other_versions(done)}".rstrip())
         return result_of(project, "camera", done, skipped=True)
     if len(project.config.cameras) > 1:
         return _run_rig(project, say, how)

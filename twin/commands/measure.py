@@ -88,7 +88,7 @@ def run_measure(
     say: Say,
     *,
     replace: Annotated[bool, Option(
-        "--replace", help="measure again; the targets that are there become targets-0001")] = False,
+        "--replace", "--again", help="measure anew; the targets that are there become targets-0001")] = False,
     budget: Annotated[bool, Option(
         "--budget", help="print what the uncertainty of each marker consists of")] = False,
     renew: bool = False,
@@ -114,18 +114,19 @@ def _measured(project: Project, say: Say, replace: bool, renew: bool) -> dict[st
     foreign = project.config.imported is not None
     camera = Path() if foreign else camera_path(project)
     how = import_inputs(project) if foreign else all_inputs(project, camera)
-    done, killed = project.done("measure", **how), project.killed("measure", **how)
+    (done, why), killed = project.compared("measure", **how), project.killed("measure", **how)
     owner = project.source().run
-    if done is not None and owner == done.name and not replace:
-        say(f"Already done in {project.shown(done)}, and targets/ is there: skipped.")
+    there = done is not None and not why and owner == done.name
+    if done is not None and there and not replace:
+        made = project.other_versions(done).replace("holds.", "holds; `twin measure --again` measures anew.")
+        say(f"Already done in {project.shown(done)}, and targets/ is there: skipped. {made}".rstrip())
         return result_of(project, "measure", done, skipped=True)
     if project.targets_folder.exists() and not (replace or renew) and not (killed and owner == killed.name):
         raise ValueError(
-            f"{project.targets_folder} holds targets from other inputs, or measured elsewhere, which are "
-            "never overwritten; `twin measure --replace` keeps them as targets-0001 and measures again"
+            f"{project.targets_folder} holds targets {_not_of_now(done, why, owner)}, which are never "
+            "overwritten; `twin measure --replace` keeps them as targets-0001 and measures again"
         )
-    anew = done is not None and owner == done.name
-    each = [(film, _one_film(film.project, camera, say, film.name, anew=anew)) for film in films_of(project)]
+    each = [(film, _one_film(film.project, camera, say, film.name, anew=there)) for film in films_of(project)]
     with project.new_run("measure", **how) as run:
         source = SourceRecord(run=run.name)
         if foreign:
@@ -143,6 +144,13 @@ def _measured(project: Project, say: Say, replace: bool, renew: bool) -> dict[st
     tracks = "" if foreign else f" and {project.shown(run.folder)}/tracks.npz"
     say(f"{_headline(targets)} Wrote targets/{tracks}.")
     return result_of(project, "measure", run.folder)
+
+
+def _not_of_now(newest: Path | None, why: Sequence[str], owner: str | None) -> str:
+    """The reason why targets are not those that would be measured now."""
+    if newest is None or owner != newest.name:
+        return f"of {owner}" if owner else "measured elsewhere"
+    return f"of {owner}, since which this is no more: {why[0]}"
 
 
 def _from_foreign(project: Project, say: Say, run: Run) -> Targets:

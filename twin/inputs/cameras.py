@@ -116,11 +116,10 @@ def dictionary_files(project: Project, name: str) -> list[Path]:
 def camera_path(project: Project) -> Path:
     """The file camera.json, or rig.json of several cameras, made from the board images as they are now."""
     name = CameraRecord.file if len(project.config.cameras) == 1 else RigRecord.file
-    done = project.done("camera", **camera_inputs(project))
-    if done is None:
-        older = project.newest("camera", name)
-        why = f"{project.shown(older)} was made from other images or settings" if older else f"no {name} yet"
-        raise ValueError(f"{why}: run `twin camera` first")
+    done, why = project.compared("camera", **camera_inputs(project))
+    if done is None or why:
+        told = f"{project.shown(done)} is stale: {why[0]}" if done else f"no {name} yet"
+        raise ValueError(f"{told}; run `twin camera` first")
     return done / name
 
 

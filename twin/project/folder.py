@@ -20,7 +20,17 @@ from numpy.typing import ArrayLike
 from twin import effort, files
 from twin.files import lock
 from twin.project.config import Config
-from twin.project.record import RunExtra, RunRecord, RunSummary, SolvesRow, SourceRecord, StoredConfig
+from twin.project.record import (
+    ORIGIN,
+    RunExtra,
+    RunRecord,
+    RunSummary,
+    SolvesRow,
+    SourceRecord,
+    StoredConfig,
+    differences,
+    format_of,
+)
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump, former_keys, parse, with_effects, write
 from twin.project.trust import check_folder, imported, leads_out
@@ -229,11 +239,33 @@ class Project:
 
     def done(self, kind: str, **how: Any) -> Path | None:
         """The newest done run with this configuration and these inputs (as `new_run`), or None."""
-        return self._with_status(kind, "done", self._stamp(kind, **how).digest)
+        folder, why = self.compared(kind, **how)
+        return None if why else folder
+
+    def compared(self, kind: str, **how: Any) -> tuple[Path | None, list[str]]:
+        """The run that `done` gives and [], else the newest done one and what has changed since."""
+        stamp, newest, why = self._stamp(kind, **how), None, []
+        stated = self.config.model_dump(mode="json", exclude_defaults=True)
+        for folder, info in self._with_status(kind, "done"):
+            if not (apart := differences(info, stamp, stated)):
+                return folder, []
+            newest, why = (newest, why) if newest else (folder, apart)
+        return newest, why
 
     def killed(self, kind: str, **how: Any) -> Path | None:
-        """The run that `new_run` with these arguments would resume, or None."""
-        return self._with_status(kind, "running", self._stamp(kind, **how).digest)
+        """The run that `new_run` with these arguments would resume, or None: one of the same versions."""
+        return self._resumed(self._stamp(kind, **how))
+
+    def _resumed(self, stamp: RunRecord) -> Path | None:
+        runs = self._with_status(stamp.kind, "running")
+        return next((f for f, i in runs if (i.digest, i.versions) == (stamp.digest, stamp.versions)), None)
+
+    def other_versions(self, folder: Path) -> str:
+        """A sentence on the versions with which a run was made, where they are others than here; else ""."""
+        was, now = self.info(folder).versions, versions()
+        told = [f"{name} {was.get(name, 'none')} (here {now.get(name, 'none')})"
+                for name in {**was, **now} if was and was.get(name) != now.get(name)]  # fmt: skip
+        return f"It was made with {', '.join(told)}, and holds." if told else ""
 
     @contextmanager
     def new_run(self, kind: str, **how: Any) -> Iterator[Run]:
@@ -246,7 +278,7 @@ class Project:
         what else makes it another run.
         """
         stamp = self._stamp(kind, **how)
-        killed = self._with_status(kind, "running", stamp.digest)
+        killed = self._resumed(stamp)
         run = Run(killed or self._next(kind), resumed=killed is not None)
         files.mend_jsonl(run.path("log.jsonl"))
         before = self.info(run.folder).started if run.resumed else ()
@@ -256,13 +288,11 @@ class Project:
         with _recorded(run, stamp):
             yield run
 
-    def _with_status(self, kind: str, status: str, digest: str) -> Path | None:
+    def _with_status(self, kind: str, status: str) -> Iterator[tuple[Path, RunRecord]]:
+        """The runs of a kind and a status, newest first."""
         for folder in reversed(self.runs()):
-            if kind_of(folder) == kind:
-                info = self.info(folder)
-                if info.status == status and info.digest == digest:
-                    return folder
-        return None
+            if kind_of(folder) == kind and (info := self.info(folder)).status == status:
+                yield folder, info
 
     def _next(self, kind: str) -> Path:
         runs = self.runs()
@@ -292,13 +322,15 @@ class Project:
             extra=RunExtra(**(extra or {})),
             config=StoredConfig(**{name: config[name] for name in (config if tables is None else tables)}),
             inputs=files.digest_of(read, root=self.root),
+            format=format_of(kind),
             versions=dict(versions()),
             digest="",
             status="running",
         )
         if self.builtin is not None:
             stamp = stamp.model_copy(update={"builtin": repr(self.builtin)})
-        what = stamp.model_dump(exclude_unset=True, exclude={"digest", "status"})
+        what = stamp.model_dump(exclude_unset=True, exclude={"digest", "status", "versions"})
+        what["inputs"].pop(ORIGIN, None)
         return stamp.model_copy(update={"digest": files.digest_text(what)})
 
 

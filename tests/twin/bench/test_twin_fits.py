@@ -13,7 +13,7 @@ from twin.bench.fits import fresh, named_effects, newest_fit, stale, stale_sente
 from twin.bench.waterfall import in_words, stairs
 from twin.commands.add import run_add
 from twin.judging.fitrecord import FitRecord
-from twin.project import staleness
+from twin.project import folder, record
 from twin.project.folder import Project, dataset
 
 FIT = least_squares(
@@ -171,12 +171,25 @@ def test_a_run_depends_on_what_it_has_recorded(root: Path) -> None:
     assert stale(Project.open(root), run.folder) == ["raw/board.png has changed since"]
 
 
-def test_the_version_of_the_program_counts(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_format_of_the_figures_counts_and_no_version_does(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     edit(root, 'effects = ["creep"]', "effects = []")
-    now = staleness.versions()
-    monkeypatch.setattr(staleness, "versions", lambda: now | {"softtwin": "9.9"})
-    with pytest.raises(ValueError, match=rf"softtwin was {now['softtwin']} and is 9\.9; run twin calibrate"):
-        newest_fit(Project.open(root))
+    newer = {**folder.versions(), "softtwin": "9.9", "pydantic": "9.9"}
+    monkeypatch.setattr(folder, "versions", lambda: newer)
+    project = Project.open(root)
+    assert newest_fit(project).theta == pytest.approx(FIT.theta)
+    told = project.other_versions(root / "runs" / "0001-calibrate")
+    assert all(part in told for part in ("softtwin ", "pydantic ", "(here 9.9)", "holds"))
+    monkeypatch.setitem(record.FORMATS, "calibrate", 2)
+    with pytest.raises(ValueError, match=saying("its figures are of format 1, those of now of 2", "twin calibrate")):
+        newest_fit(project)
+
+
+def test_which_run_measured_the_targets_is_no_bit_of_them(root: Path) -> None:
+    edit(root, 'effects = ["creep"]', "effects = []")
+    with Project.open(root).new_run("calibrate") as run:
+        (root / "targets" / "source.json").write_text('{"run": "0007-measure"}')
+    assert stale(Project.open(root), run.folder) == []
+    assert Project.open(root).done("calibrate") == run.folder
 
 
 def test_settings_of_another_stage_and_an_older_fit_that_holds_do_not_matter(root: Path) -> None:
