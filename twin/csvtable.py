@@ -27,22 +27,23 @@ class Table:
     def __len__(self) -> int:
         return len(self.lines)
 
-    def error(self, row: int, column: str, wanted: str) -> ValueError:
-        """The error that names the cell, its value and what was wanted."""
+    def error(self, row: int, column: str, message: str) -> ValueError:
+        """A ValueError that names the cell, its value and what was wanted (`message`)."""
         value = self.cells[column][row]
-        shown = repr(value if len(value) <= 60 else value[:57] + "...")
-        return ValueError(f"{self.path}, line {self.lines[row]}, column {column}: {shown}: {wanted}")
+        excerpt = repr(value if len(value) <= 60 else value[:57] + "...")
+        return ValueError(f"{self.path}, line {self.lines[row]}, column {column}: {excerpt}: {message}")
 
     def numbers(
         self, column: str, *, unit: str, empty: bool = False, most: float = math.inf
     ) -> NDArray[np.float64]:
         """A column (rows,) of finite numbers, of the size `most` at most; where `empty` is allowed an empty
         cell is NaN."""
-        wanted = f"wanted a finite number in {unit}" + (" or an empty cell (not observed)" if empty else "")
-        found = np.array([self._number(row, column, wanted, empty) for row in range(len(self))], dtype=float)
-        for row in np.flatnonzero(np.abs(found) > most)[:1].tolist():
+        message = f"wanted a finite number in {unit}" + (" or an empty cell (not observed)" if empty else "")
+        numbers = (self._number(row, column, message, empty) for row in range(len(self)))
+        values = np.fromiter(numbers, dtype=float, count=len(self))
+        for row in np.flatnonzero(np.abs(values) > most)[:1].tolist():
             raise self.error(row, column, f"wanted a number in {unit}, of {most:g} at most; correct its unit")
-        return found
+        return values
 
     def integers(self, column: str) -> NDArray[np.int64]:
         """A column (rows,) of whole numbers."""
@@ -64,15 +65,16 @@ class Table:
         step = np.diff(values)
         falls = np.flatnonzero(step <= 0)
         if falls.size:
-            row, way = int(falls[0]) + 1, "sort the rows by time and remove repeated ones"
+            row, advice = int(falls[0]) + 1, "sort the rows by time and remove repeated ones"
             if step.min() == 0 and falls.size > ROUNDED * len(values):
-                way = (
+                advice = (
                     f"{falls.size} of {len(values)} rows repeat the value before them, so it seems to be "
                     f"rounded to {step[step > 0].min(initial=np.inf):.3g} {unit}: write it with more digits"
                 )
-            raise self.error(row, column, f"wanted more than the {values[row - 1]:g} {unit} before it: {way}")
+            before = f"{values[row - 1]:g} {unit}"
+            raise self.error(row, column, f"wanted more than the {before} before it: {advice}")
 
-    def _number(self, row: int, column: str, wanted: str, empty: bool) -> float:
+    def _number(self, row: int, column: str, message: str, empty: bool) -> float:
         text = self.cells[column][row]
         if empty and not text:
             return math.nan
@@ -81,9 +83,9 @@ class Table:
             if "_" in text or not text.isascii():  # which Python reads as digits
                 raise ValueError
         except ValueError:
-            raise self.error(row, column, f"{wanted}{_of_marks(text)}") from None
+            raise self.error(row, column, f"{message}{_of_marks(text)}") from None
         if not math.isfinite(value):
-            raise self.error(row, column, wanted)
+            raise self.error(row, column, message)
         return value
 
 
@@ -98,7 +100,7 @@ class Sheet:
     separator: str
 
     def table(self, columns: Sequence[str], *, also: Sequence[str] = ()) -> Table:
-        """The named columns, and those of `also` that the file has.
+        """A table of the named columns, with the columns of `also` that the file has.
 
         ValueError where one is missing or there twice, a row has more or fewer cells than the header, or
         decimal commas and decimal points are mixed.
@@ -111,8 +113,8 @@ class Sheet:
                     f"{self.path}, line {line}: {len(row)} cells; wanted {len(self.header)}, one for each "
                     f"column{self._hint(row)}"
                 )
-        at = {name: self.header.index(name) for name in (*columns, *also) if name in self.header}
-        cells = {name: [row[i] for row in self.rows] for name, i in at.items()}
+        positions = {name: self.header.index(name) for name in (*columns, *also) if name in self.header}
+        cells = {name: [row[i] for row in self.rows] for name, i in positions.items()}
         table = Table(self.path, cells, self.lines)
         return table if self.separator == "," else replace(table, comma=_has_commas(table))
 
@@ -129,8 +131,11 @@ _COMMA, _POINT = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?"), re.compile(r"[+-]?\
 
 
 def as_text(cell: str) -> str:
-    """A cell of text that a spreadsheet does not take for a formula: one that begins like it gets an
-    apostrophe before it."""
+    """A cell of text that a spreadsheet does not take for a formula: an apostrophe is put before its sign.
+
+    >>> as_text("=1+2"), as_text("tip")
+    ("'=1+2", 'tip')
+    """
     return f"'{cell}" if cell[:1] in (*"=+-@\t\r\n",) else cell
 
 
@@ -164,7 +169,7 @@ def read_sheet(path: Path, *, wanted: str) -> Sheet:
 
 
 def read_table(path: Path, columns: Sequence[str], *, also: Sequence[str] = ()) -> Table:
-    """The named columns of a CSV file, and those of `also` that it has.
+    """A table of the named columns of a CSV file, with the columns of `also` that it has.
 
     ValueError if a column or cells are missing or all rows.
     """
@@ -172,12 +177,16 @@ def read_table(path: Path, columns: Sequence[str], *, also: Sequence[str] = ()) 
 
 
 def _separator(line: str) -> str:
-    """What parts the columns of a header: a semicolon or a tab where there is one, else a comma."""
+    """The column separator of a header line: a semicolon or a tab where there is one, else a comma.
+
+    >>> _separator("time_s;tip_x_mm")
+    ';'
+    """
     return next((mark for mark in (";", "\t") if mark in line), ",")
 
 
 def _has_commas(table: Table) -> bool:
-    """Whether the numbers have decimal commas; ValueError where some have points."""
+    """True where the numbers have decimal commas; ValueError where some have points."""
     places = [(row, name) for name, column in table.cells.items() for row in range(len(column))]
     commas = next((p for p in places if _COMMA.fullmatch(table.cells[p[1]][p[0]])), None)
     points = next((p for p in places if _POINT.fullmatch(table.cells[p[1]][p[0]])), None)
@@ -191,7 +200,7 @@ def _has_commas(table: Table) -> bool:
 
 
 def _of_marks(text: str) -> str:
-    """What is to be said of a text that is no number because of its commas."""
+    """Advice on a text with a comma that is no number; "" without a comma."""
     return "; write a decimal point, and no mark between thousands" if "," in text else ""
 
 
@@ -200,7 +209,7 @@ def _check_header(path: Path, header: Sequence[str], name: str, spare: list[str]
         return
     near = get_close_matches(name, spare, n=1)
     hint = f"; rename {near[0]!r} if that is it" if near and name not in header else ""
-    found = f"the header is {','.join(header)}"
+    description = f"the header is {','.join(header)}"
     raise ValueError(
-        f"{path}: column {name} is {'there twice' if name in header else 'missing'}: {found}{hint}"
+        f"{path}: column {name} is {'there twice' if name in header else 'missing'}: {description}{hint}"
     )

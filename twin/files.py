@@ -59,9 +59,9 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         raise ValueError(
             f"{folder} is there already and is never overwritten; name a folder that does not exist"
         )
-    for left in folder.parent.glob(f".{glob.escape(folder.name)}.*.partial"):
-        if not _lives(left.name.split(".")[-2]):
-            shutil.rmtree(left, ignore_errors=True)
+    for partial in folder.parent.glob(f".{glob.escape(folder.name)}.*.partial"):
+        if not _lives(partial.name.split(".")[-2]):
+            shutil.rmtree(partial, ignore_errors=True)
     draft = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
     try:
         draft.mkdir(parents=True)
@@ -70,14 +70,14 @@ def whole_folder(folder: Path) -> Iterator[Path]:
             folder.rmdir()
         os.rename(draft, folder)
     except OSError as error:
-        own = error.filename in (None, str(draft))
-        raise OSError(error.errno, error.strerror, str(folder)) if own else error from None
+        unnamed = error.filename in (None, str(draft))
+        raise OSError(error.errno, error.strerror, str(folder)) if unnamed else error from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)
 
 
 def _lives(process: str) -> bool:
-    """Whether a process of this number is there: its draft is no rest of a killed one."""
+    """True where a process of this number runs, whose draft must stay."""
     if os.name == "nt":  # where signal 0 is Ctrl-C
         return True
     try:
@@ -147,13 +147,13 @@ def mend_jsonl(path: Path) -> None:
     """Drop a last line cut off by a kill, so that the next record starts on its own line."""
     if path.exists():
         data = path.read_bytes()
-        whole = data[: data.rfind(b"\n") + 1]
-        if whole != data:
-            write_bytes(path, whole)
+        complete = data[: data.rfind(b"\n") + 1]
+        if complete != data:
+            write_bytes(path, complete)
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file holds; ValueError names the file and the place where it is broken."""
+    """The content of a JSON file; ValueError names the file and the place where it is broken."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -173,7 +173,7 @@ def read(model: type[Model], path: Path) -> Model:
         raise ValueError(f"{error}; {AGAIN}") from None
 
 
-def read_npz(path: Path, *wanted: str) -> dict[str, NDArray[Any]]:
+def read_npz(path: Path, *required: str) -> dict[str, NDArray[Any]]:
     """The named arrays of a file: numbers of 8 bytes at most, booleans and text. The one reader of arrays.
 
     ValueError names the file where it is damaged or too large, or an array of `wanted` is not in it.
@@ -184,18 +184,18 @@ def read_npz(path: Path, *wanted: str) -> dict[str, NDArray[Any]]:
             size = sum(entry.file_size for entry in entries)
             if size > MOST_BYTES:  # some kilobytes may unpack to more than any memory holds
                 raise ValueError(f"unpacked it would have {size / 2**30:.0f} GB")
-            found = {entry.filename.removesuffix(".npy"): _array(packed, entry) for entry in entries}
-        if len(found) < len(entries):
+            arrays = {entry.filename.removesuffix(".npy"): _array(packed, entry) for entry in entries}
+        if len(arrays) < len(entries):
             raise ValueError("an array stands twice")
-        if missing := [name for name in wanted if name not in found]:
+        if missing := [name for name in required if name not in arrays]:
             raise ValueError(f"it has no array {missing[0]!r}")
     except Exception as error:  # zipfile, numpy and the file system each raise their own kinds
         raise ValueError(f"{path}: not a readable npz file ({error}); {AGAIN}") from None
-    return found
+    return arrays
 
 
 def _array(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
-    """An array of a file; ValueError for one of another kind, or that says to be larger than it is."""
+    """An array of a file; ValueError for another data type, or a header whose size is wrong."""
     with packed.open(entry) as stream:
         version = npy.read_magic(stream)
         head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
@@ -209,7 +209,11 @@ def _array(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
 
 
 def typed(path: Path) -> str:
-    """A path as it is typed after an option, in quotes where a shell wants them."""
+    """A path as a user types it after an option, in quotes where a shell wants them.
+
+    >>> print(typed(Path("my film.mp4")), typed(Path("-a.csv")))
+    'my film.mp4' ./-a.csv
+    """
     text = str(path)
     return shlex.quote(f"./{text}" if text.startswith("-") else text)
 
@@ -227,14 +231,22 @@ def digest_of(paths: Iterable[Path], *, root: Path) -> dict[str, str]:
 
 
 def digest_text(data: Any) -> str:
-    """The SHA-256 of plain data, the same for the same content in any order of keys."""
+    """The SHA-256 of plain data, whatever the order of its keys.
+
+    >>> digest_text({"a": 1, "b": 2}) == digest_text({"b": 2, "a": 1})
+    True
+    """
     text = json.dumps(plain(data), sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
 def plain(data: Any) -> Any:
-    """Lists, dicts, numbers, strings and None only; NaN and infinity become None. Of a record it is what was
-    given."""
+    """Data as lists, dicts, numbers, strings and None; NaN and infinity become None. Of a record
+    the fields that were set.
+
+    >>> plain({"u": np.array([1.5, np.nan]), "file": Path("a/b.csv")})
+    {'u': [1.5, None], 'file': 'a/b.csv'}
+    """
     if isinstance(data, BaseModel):
         return plain(data.model_dump(exclude_unset=True, by_alias=True))
     if isinstance(data, Mapping):

@@ -8,7 +8,7 @@ from twin.tablemodel import Label, Length, Name, Position, Positive, TableModel
 
 
 class MarkTable(TableModel):
-    """What is glued, or seen in the silicone: on the rig or on the finger."""
+    """A marker that is glued on, or a natural feature of the silicone: on the rig or on the finger."""
 
     name: Name = Field(description="name in targets and reports")
     marker: int | None = Field(default=None, ge=0, le=10**6, description="ArUco id; none for a plain dot")

@@ -4,10 +4,10 @@ from typing import Protocol
 
 
 class Say(Protocol):
-    """How a stage talks to the user: one line of text, or how far a part of it is.
+    """The messages of a stage to its user: lines of text, and the progress of its parts.
 
-    Only what asks something of the user, or is a result, is said. A remark that asks nothing goes to the
-    run's log with `Run.note(text)`, which prints nothing.
+    A line is a result, or asks something of the user. Other remarks go to the run's log by `Run.note(text)`,
+    which prints nothing.
     """
 
     def __call__(self, text: str, /) -> None: ...
@@ -24,7 +24,13 @@ class Silent:
 
 
 class Lines(Silent):
-    """A `say` that keeps the lines, and shows no progress."""
+    """A `say` that keeps the lines, and shows no progress.
+
+    >>> say = Lines()
+    >>> say("Mesh: 7455 nodes.")
+    >>> say.lines
+    ['Mesh: 7455 nodes.']
+    """
 
     def __init__(self) -> None:
         self.lines: list[str] = []

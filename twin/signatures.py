@@ -40,8 +40,8 @@ class CommandSignature:
     @property
     def method(self) -> Signature:
         """The signature of the method of a project: a first sequence is typed as `*names`."""
-        first = Parameter("self", Parameter.POSITIONAL_ONLY)
-        return Signature([first, *(_as_argument(p) for p in self.parameters)])
+        receiver = Parameter("self", Parameter.POSITIONAL_ONLY)
+        return Signature([receiver, *(_as_argument(p) for p in self.parameters)])
 
     @property
     def helps(self) -> dict[str, str]:
@@ -63,11 +63,11 @@ def signature_of(command: Command) -> CommandSignature:
     assert spec.origin is not None
     tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
     function = next(n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == name)
-    given = function.args
-    at_the_end = [None] * (len(given.args) - len(given.defaults)) + list(given.defaults)
-    kinds = [*(Parameter.POSITIONAL_OR_KEYWORD for _ in given.args),
-             *(Parameter.KEYWORD_ONLY for _ in given.kwonlyargs)]  # fmt: skip
-    rows = zip(kinds, [*given.args, *given.kwonlyargs], [*at_the_end, *given.kw_defaults], strict=True)
+    args = function.args
+    at_the_end = [None] * (len(args.args) - len(args.defaults)) + list(args.defaults)
+    kinds = [*(Parameter.POSITIONAL_OR_KEYWORD for _ in args.args),
+             *(Parameter.KEYWORD_ONLY for _ in args.kwonlyargs)]  # fmt: skip
+    rows = zip(kinds, [*args.args, *args.kwonlyargs], [*at_the_end, *args.kw_defaults], strict=True)
     parameters = tuple(
         Parameter(argument.arg, kind, annotation=_value(argument.annotation),
                   default=Parameter.empty if default is None else _value(default))
@@ -105,8 +105,8 @@ def _is_sequence(kind: Any) -> bool:
 def called_with(signature: Signature, call: Callable[..., Any], /) -> Callable[..., Any]:
     """A function with this signature that calls `call(self, **options)`; texts are taken as paths, too."""
 
-    def method(*given: Any, **options: Any) -> Any:
-        bound = signature.bind(*given, **options)
+    def method(*arguments: Any, **options: Any) -> Any:
+        bound = signature.bind(*arguments, **options)
         bound.apply_defaults()
         (_, opened), *rest = bound.arguments.items()
         kinds = {p.name: p.annotation for p in signature.parameters.values()}

@@ -1,4 +1,4 @@
-"""What every table of twin.toml is made of: frozen, strict, and its kinds of numbers."""
+"""The base of the tables of twin.toml, frozen and strict, and the types of their values."""
 
 import math
 import re
@@ -113,7 +113,7 @@ StillSteps = tuple[tuple[Step, Step], ...] | Literal["holds"]
 
 
 class TableModel(BaseModel):
-    """A table of twin.toml: frozen, and a key it does not know is an error."""
+    """A table of twin.toml: frozen, and an unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, serialize_by_alias=True)
 

@@ -1,4 +1,4 @@
-"""Plain data -> a checked table model, or one sentence that says what is wrong, with the way out."""
+"""Validation of plain data by a table model; an error is one sentence with the way out."""
 
 import json
 import re
@@ -49,7 +49,11 @@ def checked(model: type[Checked], data: Any, *, name: str) -> Checked:
 
 
 def value_text(value: Any) -> str:
-    """A value as TOML writes it."""
+    """A value as TOML writes it.
+
+    >>> print(value_text({"fixed": True, "at": (1.0, 2.0)}))
+    {fixed = true, at = [1.0, 2.0]}
+    """
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -68,8 +72,8 @@ def _bare(key: str) -> str:
 
 def _sentence(error: ValidationError, root: type[BaseModel]) -> str:
     """The first error as one sentence, and how many more there are."""
-    first, more = error.errors()[0], error.error_count() - 1
-    return _problem(first, root) + (f" (and {more} more)" if more else "")
+    error_details, more = error.errors()[0], error.error_count() - 1
+    return _problem(error_details, root) + (f" (and {more} more)" if more else "")
 
 
 def _problem(error: Any, root: type[BaseModel]) -> str:
@@ -86,8 +90,8 @@ def _problem(error: Any, root: type[BaseModel]) -> str:
     if kind == "missing":
         return f"{key} is missing{about}; add it"
     key = key or "all of it"
-    wanted = message.replace("Input should", "it should", 1)
-    return f"{key} = {_short(error['input'])}: {wanted[0].lower()}{wanted[1:]}{about}{_example(where, field)}"
+    needed = message.replace("Input should", "it should", 1)
+    return f"{key} = {_short(error['input'])}: {needed[0].lower()}{needed[1:]}{about}{_example(where, field)}"
 
 
 def _unknown(where: tuple[str | int, ...], root: type[BaseModel]) -> str:
@@ -127,15 +131,15 @@ def _models(
 
 
 def table_of(model: type[BaseModel], key: str) -> type[BaseModel] | None:
-    """The table under a key: its type itself, or the one that an optional or an array holds."""
+    """The table type under a key, also inside an optional or an array; None where there is none."""
     if key not in keys_of(model):
         return None
-    found = [keys_of(model)[key][1].annotation]
-    while found:
-        kind = found.pop(0)
+    annotations = [keys_of(model)[key][1].annotation]
+    while annotations:
+        kind = annotations.pop(0)
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             return kind
-        found += get_args(kind)
+        annotations += get_args(kind)
     return None
 
 

@@ -1,4 +1,4 @@
-"""The calibration problem of a project, and the runs of it that still hold.
+"""The calibration problem of a project, and its runs that are still valid.
 
 Read `workbench` first: a project becomes its calibration problem (`twin/calibrated`). `meshshapes` measures
 a mesh. `fits` finds the runs that still belong to the project, `effectlaws` the law of an effect that was

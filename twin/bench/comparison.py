@@ -1,6 +1,6 @@
 """A judged model beside its targets, written into its run: comparison, prediction, held-out films.
 
-What it was judged by is kept too, so that `compare` needs no solve for what calibrate or add has solved.
+The errors and derivatives that it was judged by are stored too, so that `compare` solves nothing again.
 """
 
 from collections.abc import Sequence
@@ -28,32 +28,34 @@ JUDGED = "judged.npz"
 ARRAYS = ("code", "theta", "u", "jacobian", "gauge", "modes", "law", "crossed")  # in it
 
 
-def compared(run: Run, theta: Array, one: "Judgement", bench: Workbench, say: Say) -> Comparison:
+def compared(run: Run, theta: Array, judgement: "Judgement", bench: Workbench, say: Say) -> Comparison:
     """The comparison of a model at its fit theta (d,), written to comparison.json, prediction.npz and
-    judged.npz of its run; what it foretells of held-out films is said."""
-    keep(run, theta, one)
-    held = foretold(bench, one)
-    write_comparison(run, one.predicted, one.comparison, held)
+    judged.npz of its run; prints the error of each held-out film."""
+    keep(run, theta, judgement)
+    held = foretold(bench, judgement)
+    write_comparison(run, judgement.predicted, judgement.comparison, held)
     for row in held:
         say(f"Held out, {row.film}: {row.raw_rms_mm:.3f} mm rms, foretold by a fit that never saw it. "
             f"{right_in_words(row)}")
-    return one.comparison
+    return judgement.comparison
 
 
-def foretold(bench: Workbench, one: "Judged | Judgement") -> tuple[UnseenFilm, ...]:
-    """What a fitted model is off from each film that was held out of its fit."""
-    return unseen(one.errors, one.predicted, one.jacobian, bench.targets, film_names(bench.project))
+def foretold(bench: Workbench, judgement: "Judged | Judgement") -> tuple[UnseenFilm, ...]:
+    """Errors of a fitted model in each film that was held out of its fit."""
+    names = film_names(bench.project)
+    return unseen(judgement.errors, judgement.predicted, judgement.jacobian, bench.targets, names)
 
 
-def write_comparison(run: Run, predicted: Array, found: Comparison, held: Sequence[UnseenFilm]) -> None:
-    run.write(found.record(held))
-    write_prediction(run, predicted, found)
-    run.summary["headline"] = found.where
+def write_comparison(run: Run, predicted: Array, comparison: Comparison, held: Sequence[UnseenFilm]) -> None:
+    run.write(comparison.record(held))
+    write_prediction(run, predicted, comparison)
+    run.summary["headline"] = comparison.where
 
 
-def write_prediction(run: Run, predicted: Array, found: Comparison) -> None:
+def write_prediction(run: Run, predicted: Array, comparison: Comparison) -> None:
     """Write prediction.npz: displacements, residual and cleaned residual (`Comparison`), (s, p, 3) mm."""
-    run.write_npz("prediction.npz", {"u": predicted, "residual": found.residual, "cleaned": found.cleaned})
+    residual = {"residual": comparison.residual, "cleaned": comparison.cleaned}
+    run.write_npz("prediction.npz", {"u": predicted} | residual)
 
 
 def film_names(project: Project) -> dict[int, str]:
@@ -61,7 +63,7 @@ def film_names(project: Project) -> dict[int, str]:
     return {film.block: film.name for film in project.source().films}
 
 
-# -- what a fit was judged by --------------------------------------------------------------------------------
+# -- the stored judgement of a fit ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +79,7 @@ class Judgement:
 
     @staticmethod
     def of(judged: Judged) -> "Judgement":
-        """That of a model judged now."""
+        """The judgement of a model that was judged in this process."""
         return Judgement(
             predicted=judged.predicted,
             comparison=judged.comparison,
@@ -87,40 +89,42 @@ class Judgement:
         )
 
 
-def keep(run: Run, theta: Array, one: Judgement, *, file: str = JUDGED) -> None:
+def keep(run: Run, theta: Array, judgement: Judgement, *, file: str = JUDGED) -> None:
     """Write judged.npz of a run: what a comparison needs of the model at its fit theta (d,)."""
-    e = one.errors
+    e = judgement.errors
     run.write_npz(
         file,
         {
-            "code": np.array(code_digest()), "theta": theta, "u": one.predicted, "jacobian": one.jacobian,
-            "gauge": e.gauge, "modes": e.modes, "law": np.array(e.law), "crossed": np.array(one.crossed),
+            "code": np.array(code_digest()), "theta": theta, "u": judgement.predicted,
+            "jacobian": judgement.jacobian, "gauge": e.gauge, "modes": e.modes, "law": np.array(e.law),
+            "crossed": np.array(judgement.crossed),
             **{f"{LAW}{law.effect}": law.modes for law in e.laws},
         },
     )  # fmt: skip
 
 
 def kept(fit_file: Path, fit: Fit, targets: Targets, *, file: str = JUDGED) -> Judgement | None:
-    """The judgement of the fit in fit.json, from what lies beside it; None where it was not kept, or not by
-    the code of now. Whether the fit still holds is asked before (`twin.bench.fits`)."""
+    """The judgement of the fit in fit.json, from the file beside it; None where that is missing, or another
+    version of the code wrote it. The caller has checked that the fit is valid (`twin.bench.fits`)."""
     path = fit_file.with_name(file)
     if not path.is_file():
         return None
-    found = files.read_npz(path, *ARRAYS)
-    if str(found["code"]) != code_digest() or not np.array_equal(found["theta"], fit.theta):
+    arrays = files.read_npz(path, *ARRAYS)
+    if str(arrays["code"]) != code_digest() or not np.array_equal(arrays["theta"], fit.theta):
         return None
     errors = ModelErrors(
-        gauge=found["gauge"],
-        modes=found["modes"],
-        laws=tuple(LawError(k.removeprefix(LAW), rows) for k, rows in found.items() if k.startswith(LAW)),
-        law=float(found["law"]),
+        gauge=arrays["gauge"],
+        modes=arrays["modes"],
+        laws=tuple(LawError(k.removeprefix(LAW), rows) for k, rows in arrays.items() if k.startswith(LAW)),
+        law=float(arrays["law"]),
     )
-    own, w = judged_by(targets, found["u"], errors, errors.whitener(targets))
-    jacobian = found["jacobian"]
-    made = compare(own, found["u"], w, jacobian=jacobian, at_bound=len(fit.at_bound))
+    judged_targets, w = judged_by(targets, arrays["u"], errors, errors.whitener(targets))
+    jacobian = arrays["jacobian"]
+    comparison = compare(judged_targets, arrays["u"], w, jacobian=jacobian, at_bound=len(fit.at_bound))
     return Judgement(
-        predicted=found["u"], comparison=made, errors=errors, jacobian=jacobian, crossed=str(found["crossed"])
-    )
+        predicted=arrays["u"], comparison=comparison, errors=errors, jacobian=jacobian,
+        crossed=str(arrays["crossed"]),
+    )  # fmt: skip
 
 
 def kept_errors(fit_file: Path, fit: Fit, targets: Targets) -> ModelErrors | None:

@@ -41,36 +41,38 @@ class Change:
 
     @staticmethod
     def of(bench: Workbench, judged: Judged) -> "Change":
-        """That of a model judged now."""
+        """The change to a model that was judged in this process."""
         fields, tests = _fields(bench, judged.model, judged.theta), bench.agreement(judged)
         return Change(fit=judged.fit, judgement=Judgement.of(judged), fields=fields, tests=tests)
 
     def record(self, **beside: Any) -> FitRecord:
-        """What fit.json holds of it."""
-        one = self.judgement
+        """The record for fit.json; beside: further fields."""
+        comparison, law_error = self.judgement.comparison, self.judgement.errors.law
         return fit_record(
-            self.fit, one.comparison, material_tests=self.tests, law_error=one.errors.law, **beside
+            self.fit, comparison, material_tests=self.tests, law_error=law_error, **beside
         )
 
     def keep(self, run: Run, *, effects: Sequence[str], start: Mapping[str, float]) -> None:
-        """Write it into the run of a diagnosis, so that `twin add` need not solve it again."""
+        """Write the change into the run of a diagnosis, so that `twin add` need not solve it again."""
         run.write(self.record(effects=tuple(effects), start=dict(start)), KEPT_FIT)
         keep(run, self.fit.theta, self.judgement, file=f"{KEPT}{JUDGED}")
         self.fields.save(run.path(f"{KEPT}{FIELDS}"))
 
 
 def diagnosed(bench: Workbench, effects: Sequence[str], start: Mapping[str, float]) -> Change | None:
-    """The change to these effects as the newest diagnosis has fitted it from this start; None where it has
-    not, not by the code of now, or where priors count or tests of the silicone are fitted, too: it asks the
-    film alone."""
+    """The change to these effects, as the newest diagnosis fitted it from this start; None without one.
+
+    None also where another version of the code fitted it, or where there are priors or tests of the
+    silicone: a diagnosis uses the film alone.
+    """
     if bench.targets.known or bench.targets.curves:
         return None
-    found = fresh(bench.project, ("diagnose",), KEPT_FIT)
-    record = files.read(FitRecord, found) if found else None
-    if found is None or record is None or record.effects != tuple(effects) or record.start != dict(start):
+    fit_path = fresh(bench.project, ("diagnose",), KEPT_FIT)
+    record = files.read(FitRecord, fit_path) if fit_path else None
+    if fit_path is None or record is None or record.effects != tuple(effects) or record.start != dict(start):
         return None
-    judgement = kept(found, record.fit, bench.targets, file=f"{KEPT}{JUDGED}")
-    fields = found.with_name(f"{KEPT}{FIELDS}")
+    judgement = kept(fit_path, record.fit, bench.targets, file=f"{KEPT}{JUDGED}")
+    fields = fit_path.with_name(f"{KEPT}{FIELDS}")
     if judgement is None or not fields.is_file():
         return None
     return Change(fit=record.fit, judgement=judgement, fields=Fields.load(fields))
@@ -85,10 +87,10 @@ def change_effects(
     *,
     base: Fit | None = None,
 ) -> dict[str, Any]:
-    """What `twin add` and `twin drop` print: the model with these effects, fitted from a start where one is
-    known, compared with the newest comparison, and written into twin.toml.
+    """Summary of `twin add` and `twin drop`: the model with these effects is fitted, compared with the newest
+    comparison, and written into twin.toml.
 
-    base: the fit that it goes on from, by default that of the model as twin.toml has it.
+    start: values of parameters by name; others begin at the fit `base`, by default the newest valid one.
     """
     bench.project.check_effects(effects)  # before any work is done for them
     project, base = bench.project, base or newest_fit(bench.project)
@@ -97,28 +99,28 @@ def change_effects(
         model = bench.model(effects)
         change = diagnosed(bench, effects, start)
         if change is None:
-            known = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
-            unknown = {n: x for n, x in _nominal(model).items() if n not in known}
-            theta = model.theta(begun_from(model, known, {**unknown, **start}))
+            fitted = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
+            unknown = {n: x for n, x in _nominal(model).items() if n not in fitted}
+            theta = model.theta(begun_from(model, fitted, {**unknown, **start}))
             say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
             change = Change.of(bench, bench.judged(model, theta, say))
-        fit, found = change.fit, compared(run, change.fit.theta, change.judgement, bench, say)
+        fit, comparison = change.fit, compared(run, change.fit.theta, change.judgement, bench, say)
         beside = fitted_by(bench, fit, change.judgement)
         run.write(change.record(effects=effects, **beside))
         change.fields.save(run.path(FIELDS))
         write_curves(run, change.tests)
         run.note(model.extent)
     project.set_effects(effects)
-    say(change_in_words(then and then.raw_rms_mm, found, effects))
-    way = waterfall.stairs(project)
-    if len(way) > 2:
-        say(waterfall.in_words(way))
-    say(f"{in_words(estimates(fit, found, change.tests))}.")
+    say(change_in_words(then and then.raw_rms_mm, comparison, effects))
+    history = waterfall.stairs(project)
+    if len(history) > 2:
+        say(waterfall.in_words(history))
+    say(f"{in_words(estimates(fit, comparison, change.tests))}.")
     for sentence in (*beside["said"], *told_of_tests((), change.tests)):
         say(sentence)
     for sentence in _unseen(model, change):
         say(sentence)
-    say(found.where)
+    say(comparison.where)
     if change.judgement.errors.law:
         say(f"These data ask for laws that may err by {change.judgement.errors.law:.0%} of what the effects "
             "add: intervals and the test of the fit know it.")  # fmt: skip
@@ -127,46 +129,46 @@ def change_effects(
         "stage": kind,
         "run": run.name,
         "rms_before_mm": then and then.rms_mm,
-        "rms_after_mm": found.rms_mm,
+        "rms_after_mm": comparison.rms_mm,
         "raw_rms_before_mm": then and then.raw_rms_mm,
-        "raw_rms_after_mm": found.raw_rms_mm,
-        "expected_mm": found.expected_mm,
-        "expected_low_mm": found.expected_low_mm,
-        "expected_high_mm": found.expected_high_mm,
-        "noise_sd_mm": found.noise_sd_mm,
+        "raw_rms_after_mm": comparison.raw_rms_mm,
+        "expected_mm": comparison.expected_mm,
+        "expected_low_mm": comparison.expected_low_mm,
+        "expected_high_mm": comparison.expected_high_mm,
+        "noise_sd_mm": comparison.noise_sd_mm,
         "effects": list(effects),
         "fit": files.plain(change.record(**beside)),
-        "steps": files.plain(way),
+        "steps": files.plain(history),
     }
 
 
 def _unseen(model: Model, change: Change) -> list[str]:
-    """Which effects of a model these data do not ask for, one sentence each."""
-    found = estimates(change.fit, change.judgement.comparison, change.tests)
-    unseen = [e for e in model.effects if e.amplitudes and all(_at_null(p, found) for p in e.amplitudes)]
+    """A sentence for each effect of a model that these data do not need."""
+    estimated = estimates(change.fit, change.judgement.comparison, change.tests)
+    unseen = [e for e in model.effects if e.amplitudes and all(_at_null(p, estimated) for p in e.amplitudes)]
     return [
         f"These data do not ask for {e.label}: it may as well be absent. `twin drop {e.name}` takes it out."
         for e in unseen
     ]
 
 
-def _at_null(p: Parameter, found: Mapping[str, Estimate]) -> bool:
-    """Whether an effect's parameter may have the value at which the effect is absent."""
-    null, one = p.null or 0.0, found[p.name]
-    if one.low is None or one.high is None:
-        return bool(np.isclose(one.value, null))  # at its bound
-    return one.low <= null <= one.high
+def _at_null(p: Parameter, estimated: Mapping[str, Estimate]) -> bool:
+    """True where the 95 % interval of an effect's parameter holds the value of an absent effect."""
+    null, estimate = p.null or 0.0, estimated[p.name]
+    if estimate.low is None or estimate.high is None:
+        return bool(np.isclose(estimate.value, null))  # at its bound
+    return estimate.low <= null <= estimate.high
 
 
 def _nominal(model: Model) -> dict[str, float]:
-    """Start values of effects of which nothing is known. ValueError for one that must be stated which."""
+    """Default start values of all parameters. ValueError for an effect whose variant must be stated."""
     values: dict[str, float] = {}
     for e in model.effects:
-        values |= (own := nominal(e, model.test))
-        held = e.at(own, model.test)
-        if held is not e:
+        values |= (start := nominal(e, model.test))
+        fixed = e.at(start, model.test)
+        if fixed is not e:
             raise ValueError(
-                f"effect {e.label!r}: it must be stated which; wanted for example {held.label!r}, as "
+                f"effect {e.label!r}: it must be stated which; wanted for example {fixed.label!r}, as "
                 "the diagnosis names it"
             )
     return {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in model.parameters}
@@ -179,11 +181,11 @@ def _fields(bench: Workbench, model: Model, theta: Array) -> Fields:
     rows = np.flatnonzero(~t.fixed)
     u, predicted = model.solution(theta).fields(list(steps)), model.predict(theta)
     rest = model.solution(theta).fields(list(t.reference[:: max(1, len(t.reference) // 3)])).mean(axis=0)
-    shown = len(bench.case.nodes)  # of a whole made of a half, the half comes first
+    node_count = len(bench.case.nodes)  # of a whole made of a half, the half comes first
     return Fields(
         time_s=t.time[steps] - t.time[0],
         pressure=t.pressure[steps],
-        u=(u - rest)[:, :shown].astype(np.float32),
+        u=(u - rest)[:, :node_count].astype(np.float32),
         u_points=predicted[steps][:, rows],
         u_measured=t.value[steps][:, rows],
     )

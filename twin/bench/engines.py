@@ -1,4 +1,4 @@
-"""What [model] engine of twin.toml says -> the program that solves the model, its version and its jobs."""
+"""The program that [model] engine of twin.toml names to solve the model, its version and its jobs."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -37,8 +37,11 @@ def jobs_of(project: Project) -> EngineJobs | None:
 
 
 def together_of(table: ModelTable) -> Together | None:
-    """What runs several jobs at a time: of Abaqus one by default, as each takes of the licence; of CalculiX
-    as many as there is room for. Those on this machine wait for the program in threads."""
+    """The runner of several jobs at a time; None for one after the other.
+
+    Abaqus runs one by default, as each takes tokens of the licence; CalculiX as many as the executor has
+    workers. On this machine threads wait for the program.
+    """
     executor = current()
     cpus = table.engine_cpus or 1 if isinstance(executor, Processes) else 1  # a cluster's worker is for one
     room = max(1, executor.workers // cpus)
@@ -49,24 +52,24 @@ def together_of(table: ModelTable) -> Together | None:
 
 
 def _chunks(executor: Executor, most: int, tasks: Sequence[Callable[[], Done]]) -> Iterator[tuple[int, Done]]:
-    """What tasks give by their numbers, at most so many at a time."""
+    """Results of tasks with their numbers; `most`: tasks that run at a time."""
     step = max(len(tasks), 1) if most == executor.workers else most
-    for first in range(0, len(tasks), step):
-        yield from ((first + k, found) for k, found in executor.ended(tasks[first : first + step]))
+    for offset in range(0, len(tasks), step):
+        yield from ((offset + k, result) for k, result in executor.ended(tasks[offset : offset + step]))
 
 
 def engine_of(table: ModelTable) -> Program:
     """The program that [model] names, with its processors and memory."""
-    own: dict[str, object] = {}
+    options: dict[str, object] = {}
     if table.engine_command is not None:
-        own["executable"] = table.engine_command
+        options["executable"] = table.engine_command
     if table.engine == "calculix":
-        return CalculiX(threads=table.engine_cpus or 1, **own)  # type: ignore[arg-type]
+        return CalculiX(threads=table.engine_cpus or 1, **options)  # type: ignore[arg-type]
     if table.engine_cpus is not None:
-        own["cpus"] = table.engine_cpus
+        options["cpus"] = table.engine_cpus
     if table.engine_memory is not None:
-        own["memory"] = table.engine_memory.replace(" ", "").lower()
-    return Abaqus(**own)  # type: ignore[arg-type]
+        options["memory"] = table.engine_memory.replace(" ", "").lower()
+    return Abaqus(**options)  # type: ignore[arg-type]
 
 
 def check_embedded(project: Project, stage: str) -> None:
@@ -81,5 +84,5 @@ def check_embedded(project: Project, stage: str) -> None:
 
 
 def solved_by(project: Project, jobs: EngineJobs | None) -> dict[str, str]:
-    """What fit.json says of the engine."""
+    """The engine and its release, for fit.json."""
     return {"engine": project.config.model.engine, "release": jobs.release if jobs else ""}

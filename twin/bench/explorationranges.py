@@ -29,14 +29,17 @@ RAMP_S, HOLD_S = 2.0, 2.0  # as `twin predict` has them
 def asked_ranges(
     project: Project, over: Sequence[str], top: float
 ) -> tuple[VariedFinger, tuple[Variable, ...], list[str]]:
-    """The finger of a project, what of it is varied, and what a user should know of both."""
+    """The finger of a project, its varied quantities, and remarks for the user.
+
+    over: texts NAME=LOW:HIGH; top: pressure in MPa. ValueError for a name or range that does not exist.
+    """
     ranges = dict(_range(text) for text in over)
     if not ranges or len(ranges) < len(over):
         raise ValueError("--over: wanted what is varied, each once, such as --over C10=0.15:0.25 --over "
                          "top_wall_mm=1.6:2.4")  # fmt: skip
     structure, table = structure_of(project), _dimensions(project)
     law = elasticity_of(project, structure.nominal).fitted()
-    effects, left = _effects(project, law, ranges)
+    effects, unmoving = _effects(project, law, ranges)
     values, remark = _values(project, effects, law.nominal)
     named = {p.name: p for e in effects for p in e.parameters}
     variables = tuple(_variable(name, *ends, named, table) for name, ends in ranges.items())
@@ -48,37 +51,37 @@ def asked_ranges(
         self_contact=project.config.model.self_contact,
         thing=None if (text := project.config.model.object) is None else RigidObject.of(text),
     )  # fmt: skip
-    leaves = f"Left out, as they do not move the finger: {', '.join(left)}." if left else ""
+    leaves = f"Left out, as they do not move the finger: {', '.join(unmoving)}." if unmoving else ""
     return finger, variables, [s for s in (remark, leaves) if s]
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:
     number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
-    found = re.fullmatch(rf"\s*([\w.]+)\s*=\s*({number})\s*:\s*({number})\s*", text, re.I)
-    if found is None or not float(found[2]) < float(found[3]):
+    match = re.fullmatch(rf"\s*([\w.]+)\s*=\s*({number})\s*:\s*({number})\s*", text, re.I)
+    if match is None or not float(match[2]) < float(match[3]):
         raise ValueError(f"--over {text!r}: wanted NAME=LOW:HIGH, the lower first, such as C10=0.15:0.25 "
                          "(MPa) or top_wall_mm=1.6:2.4")  # fmt: skip
-    return found[1], (float(found[2]), float(found[3]))
+    return match[1], (float(match[2]), float(match[3]))
 
 
 def _variable(
     name: str, low: float, high: float, named: Mapping[str, Parameter], table: BodyTable | None
 ) -> Variable:
-    """What a name and its range stand for: a parameter, else a dimension."""
+    """The variable of a name and its range: a parameter, else a dimension."""
     if name in named:
         p = named[name]
         if not p.low <= low < high <= p.high:
-            wanted = f"{p.low:g} to {p.high:g} {p.unit}".rstrip()
-            raise ValueError(f"--over {name}={low:g}:{high:g}: wanted {wanted}")
+            limits = f"{p.low:g} to {p.high:g} {p.unit}".rstrip()
+            raise ValueError(f"--over {name}={low:g}:{high:g}: wanted {limits}")
         return Variable(name, low, high, p.unit)
     size = None if table is None else dict(table).get(name)
     if not isinstance(size, int | float):
         raise ValueError(_unknown(name, named, table))
-    whole = isinstance(size, int)
-    if whole and not (low.is_integer() and high.is_integer()):
+    integral = isinstance(size, int)
+    if integral and not (low.is_integer() and high.is_integer()):
         raise ValueError(f"--over {name}={low:g}:{high:g}: wanted whole numbers")
     unit = "N/mm" if name.endswith("_N_per_mm") else "mm" if name.endswith("_mm") else ""
-    return Variable(name, low, high, unit, whole)
+    return Variable(name, low, high, unit, integral)
 
 
 def _unknown(name: str, named: Mapping[str, Parameter], table: BodyTable | None) -> str:
@@ -103,19 +106,19 @@ def _effects(
 ) -> tuple[tuple[Effect, ...], list[str]]:
     """The law and the effects that move the finger: those of twin.toml, and whose parameters are varied; and
     labels of those that do not."""
-    own, labels = own_of(project), list(project.config.model.effects)
-    known = {name_of(label) for label in labels}
+    user_effects, labels = own_of(project), list(project.config.model.effects)
+    names = {name_of(label) for label in labels}
     for name in dict.fromkeys(name.partition(".")[0] for name in ranges if "." in name):
-        if name not in known:
+        if name not in names:
             labels.append(name)
-    every = [effect(label, users=own, law=law.law) for label in labels]
-    still = [e for e in every if not moves_finger(e)]
-    for e in still:
+    every = [effect(label, users=user_effects, law=law.law) for label in labels]
+    unmoving = [e for e in every if not moves_finger(e)]
+    for e in unmoving:
         if any(p.name in ranges for p in e.parameters):
             raise ValueError(f"--over {e.name}: this effect does not move the finger under a held pressure; "
                              "wanted one that does")  # fmt: skip
-    moving = sorted((e for e in every if e not in still), key=lambda e: e.order)
-    return (law, *moving), [e.label for e in still]
+    moving = sorted((e for e in every if e not in unmoving), key=lambda e: e.order)
+    return (law, *moving), [e.label for e in unmoving]
 
 
 def _values(
@@ -139,15 +142,15 @@ def _values(
 
 def _path(project: Project, top: float) -> Path:
     """A ramp to a pressure in MPa, which is then held; gravity where the finger has weight."""
-    time, pull = np.array([0.0, RAMP_S, RAMP_S + HOLD_S]), np.zeros(3)
+    time, acceleration = np.array([0.0, RAMP_S, RAMP_S + HOLD_S]), np.zeros(3)
     model = project.config.model
     if model.density_kg_m3 is not None:
-        way = None if model.gravity is None else np.array(model.gravity, float)
-        if way is None and (project.targets_folder / "targets.csv").is_file():
+        direction = None if model.gravity is None else np.array(model.gravity, float)
+        if direction is None and (project.targets_folder / "targets.csv").is_file():
             gravity = project.targets().gravity
-            way = None if gravity is None else gravity[0]
-        if way is None:
+            direction = None if gravity is None else gravity[0]
+        if direction is None:
             raise ValueError("model.density_kg_m3: its weight wants the direction of gravity; add "
                              "gravity = [0.0, 0.0, -1.0] under [model] of twin.toml")  # fmt: skip
-        pull = G * way / np.linalg.norm(way)
-    return Path(time, np.array([0.0, top, top]), time[[0, 2]], gravity=pull)
+        acceleration = G * direction / np.linalg.norm(direction)
+    return Path(time, np.array([0.0, top, top]), time[[0, 2]], gravity=acceleration)

@@ -1,4 +1,4 @@
-"""Which runs of a project still hold: a fit, a comparison or a diagnosis made from what is there now."""
+"""The valid runs of a project: fits, comparisons and diagnoses of its present targets, mesh and settings."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -19,23 +19,23 @@ Found = TypeVar("Found", bound=Record)
 
 
 def stale(project: Project, folder: Path) -> list[str]:
-    """What has changed since a run was made, one clause each; [] where it belongs to the present project."""
+    """Changes of the project since a run was made, one clause each; [] for a valid run."""
     stage = next((stage for stage in STAGES if stage.name == kind_of(folder)), None)
     if stage is None or project.info(folder).status != "done":
         return []
-    if stage.when is not When.ALWAYS and (other := _other_effects(project, folder)):
-        return [other]
+    if stage.when is not When.ALWAYS and (difference := _other_effects(project, folder)):
+        return [difference]
     return _changes(project, folder, stage)
 
 
 def holds(project: Project, folder: Path) -> bool:
-    """Whether a run is done and belongs to the present targets, mesh and settings, whatever its effects."""
+    """True for a done run of the present targets, mesh and settings, whatever its effects."""
     stage = next((stage for stage in STAGES if stage.name == kind_of(folder)), None)
     return stage is not None and _is_done(project, folder) and not _changes(project, folder, stage)
 
 
 def _changes(project: Project, folder: Path, stage: Stage) -> list[str]:
-    """What has changed since a run of a stage was made, but for the effects in the model."""
+    """Changes since a run of a stage was made, but for the effects in the model."""
     present = [project.targets_folder] if TARGETS in stage.reads else []
     present += project.deck_files() if DECK in stage.reads else []
     present += project.material_files() if "[material_tests]" in stage.reads else []
@@ -49,7 +49,7 @@ def _changes(project: Project, folder: Path, stage: Stage) -> list[str]:
 
 
 def _other_effects(project: Project, folder: Path) -> str:
-    """How the effects that a run has left in the model differ from those of twin.toml; "" if they do not."""
+    """A clause on a run with other effects than twin.toml; "" where they agree."""
     path, now = folder / FIT, project.config.model.effects
     if not path.is_file():
         return ""
@@ -61,14 +61,13 @@ def _other_effects(project: Project, folder: Path) -> str:
 
 
 def _has_own(labels: Sequence[str]) -> bool:
-    """Whether a model has an effect of the user's own files. Only then does its fit depend on them; a
-    diagnosis tries them all."""
+    """True where a model has an effect of the user's own files: only then does its fit depend on them."""
     if not labels:
         return False
     from twin.effects.library import all_effects
 
-    known = {e.name for e in all_effects()}
-    return any(name_of(label) not in known for label in labels)
+    library = {e.name for e in all_effects()}
+    return any(name_of(label) not in library for label in labels)
 
 
 def fresh(project: Project, kinds: tuple[str, ...], file: str = "run.json") -> Path | None:
@@ -88,15 +87,14 @@ def every_fresh(project: Project, kinds: tuple[str, ...], file: str) -> Iterator
 
 
 def stale_sentences(project: Project, kinds: tuple[str, ...], file: str = "run.json") -> list[str]:
-    """What the newest runs of these kinds that have a file are not used for, one sentence each; those behind
-    one that is used do not matter."""
-    found = []
+    """A sentence for each stale run of these kinds that is newer than the newest valid one."""
+    sentences = []
     for path in _having(project, kinds, file):
         why = stale(project, path.parent)
         if not why:
             break
-        found.append(f"{project.shown(path.parent)} is stale: {why[0]}; it is not used")
-    return found
+        sentences.append(f"{project.shown(path.parent)} is stale: {why[0]}; it is not used")
+    return sentences
 
 
 def newest_fit(project: Project) -> "Fit":
@@ -109,11 +107,11 @@ def newest_fit(project: Project) -> "Fit":
 
 def fit_file(project: Project) -> Path:
     """The fit.json of `newest_fit`."""
-    wanted = project.config.model.effects
+    effects = project.config.model.effects
     refused, others = "", False
     for path in _having(project, kinds_writing(FIT), FIT):
         fit = files.read(FitRecord, path)
-        if "effects" not in fit.model_fields_set or fit.effects != wanted:
+        if "effects" not in fit.model_fields_set or fit.effects != effects:
             others = True
             continue
         why = stale(project, path.parent)
@@ -122,7 +120,7 @@ def fit_file(project: Project) -> Path:
         refused = refused or f"fit of {project.shown(path.parent)} is stale: {why[0]}"
     if refused:
         raise ValueError(f"{refused}; run twin calibrate")
-    what = f"for effects {list(wanted)}" if others else "in this project"
+    what = f"for effects {list(effects)}" if others else "in this project"
     raise ValueError(f"no fit {what}; run twin calibrate")
 
 

@@ -1,5 +1,4 @@
-"""What is to be said of a mesh: the shape of its elements, and which of its surface nodes is nearest to a "
-"place."""
+"""Reports on a mesh: the shape of its elements, and its surface node nearest to a place."""
 
 from collections.abc import Sequence
 
@@ -30,12 +29,12 @@ def poor_shapes(structure: Structure) -> str:
     measures = [m for m in quality(structure.case) if len(m.poor)]
     if not measures:
         return ""
-    told = ", ".join(
+    clauses = ", ".join(
         f"{m.name} of {len(m.poor)} beyond {m.limit:g} (worst: {m.values[m.worst]:.3g}, element "
         f"{structure.elements[m.worst]})"
         for m in measures
     )
-    return f"Some elements have a poor shape: {told}. `twin look` draws them."
+    return f"Some elements have a poor shape: {clauses}. `twin look` draws them."
 
 
 def shape_csv(structure: Structure) -> str:
@@ -47,31 +46,31 @@ def shape_csv(structure: Structure) -> str:
     return "\n".join(lines) + "\n"
 
 
-def places_asked(at: Sequence[str]) -> list[Array]:
+def places_asked(texts: Sequence[str]) -> list[Array]:
     """The places (3,) mm that --at X,Y,Z names. ValueError where one is none."""
-    return [_place(text) for text in at]
+    return [_place(text) for text in texts]
 
 
 def _place(text: str) -> Array:
     try:
-        found = np.array([float(part) for part in text.split(",")])
+        place = np.array([float(part) for part in text.split(",")])
     except ValueError:
-        found = np.empty(0)
-    if found.shape != (3,) or not np.isfinite(found).all():
+        place = np.empty(0)
+    if place.shape != (3,) or not np.isfinite(place).all():
         raise ValueError(f"--at {text!r}: wanted x,y,z in mm from the clamp, such as 110,11.5,0")
-    return found
+    return place
 
 
 def nearest_node(structure: Structure, place: Array) -> tuple[int, str]:
     """The label of the surface node nearest to a place (3,) mm, and a sentence that says how far it is."""
     surface, case = np.unique(structure.outside), structure.case
-    away = np.linalg.norm(case.nodes[surface] - place, axis=1)
-    row = surface[int(away.argmin())]
+    distance = np.linalg.norm(case.nodes[surface] - place, axis=1)
+    row = surface[int(distance.argmin())]
     label = int(case.labels[row])
     x, y, z = (float(v) for v in np.round(case.nodes[row], 3) + 0.0)
-    asked = ", ".join(f"{v:g}" for v in place)
+    coordinates = ", ".join(f"{v:g}" for v in place)
     return label, (
-        f"At ({asked}) mm: the nearest surface node is {label} at ({x:.5g}, {y:.5g}, {z:.5g}) mm, "
-        f"{away.min():.2f} mm away. For this node write node = {label}, for the place itself position_mm "
-        f"= [{asked}]."
+        f"At ({coordinates}) mm: the nearest surface node is {label} at ({x:.5g}, {y:.5g}, {z:.5g}) mm, "
+        f"{distance.min():.2f} mm away. For this node write node = {label}, for the place itself position_mm "
+        f"= [{coordinates}]."
     )

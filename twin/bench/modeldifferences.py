@@ -1,5 +1,4 @@
-"""In what the models of two projects differ beside their effects: fingers, meshes and weight of one are not
-those of the other, and neither are the constants."""
+"""Differences between the models of two projects: body, mesh, weight, object and engine; and effects."""
 
 from hashlib import sha256
 
@@ -8,12 +7,12 @@ from twin.project.folder import Project
 
 
 def other_models(a: Project, b: Project) -> tuple[str, ...]:
-    """A sentence on what the models of two projects do not share; none where they are alike."""
+    """A sentence on the settings in which the models of two projects differ; none where they agree."""
     names, rows = (a.root.name, b.root.name), list[str]()
-    first, second = ({**_dimensions(p), **_own(p)} for p in (a, b))
-    for key in {**first, **second}:
-        if first.get(key) != second.get(key):
-            rows.append(f"{key} {_shown(first.get(key))} and {_shown(second.get(key))}")
+    ours, theirs = ({**_dimensions(p), **_own(p)} for p in (a, b))
+    for key in {**ours, **theirs}:
+        if ours.get(key) != theirs.get(key):
+            rows.append(f"{key} {_shown(ours.get(key))} and {_shown(theirs.get(key))}")
     if _decks(a) != _decks(b):
         rows.append(f"the mesh {a.config.model.deck or 'built in'} and {b.config.model.deck or 'built in'}")
     if not rows:
@@ -32,7 +31,7 @@ def _dimensions(project: Project) -> dict[str, object]:
 
 
 def _own(project: Project) -> dict[str, object]:
-    """Its weight, what it meets, and what solves it."""
+    """Density, rigid object and engine of a project."""
     model = project.config.model
     return {"density_kg_m3": model.density_kg_m3, "object": model.object, "engine": model.engine}
 
@@ -46,9 +45,9 @@ def _shown(value: object) -> str:
     return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def other_effects(a: Project, first: FitRecord, b: Project, second: FitRecord) -> list[str]:
-    """What the models of two batches do not share, one sentence."""
-    ours, theirs = first.effects, second.effects
+def other_effects(a: Project, fit_a: FitRecord, b: Project, fit_b: FitRecord) -> list[str]:
+    """A sentence on the effects in which the models of two batches differ; none where they agree."""
+    ours, theirs = fit_a.effects, fit_b.effects
     if ours == theirs:
         return []
     return [f"The models differ: {a.root.name} has {', '.join(ours) or 'no effect'}, {b.root.name} "

@@ -1,4 +1,4 @@
-"""What [calibrate] of twin.toml says of parameters and errors beforehand: priors, and the loss of the fit."""
+"""Priors of parameters and the loss of the fit, as [calibrate] of twin.toml states them."""
 
 from collections.abc import Callable, Sequence
 
@@ -28,23 +28,23 @@ def check_least_squares(project: Project, stage: str) -> None:
 
 
 def known_values(
-    project: Project, law: RubberLaw, own: Callable[[Project], Sequence[Effect]]
+    project: Project, law: RubberLaw, own_of: Callable[[Project], Sequence[Effect]]
 ) -> tuple[KnownValue, ...]:
     """The priors of twin.toml; law: that of the silicone; own: the effects of a project's own files.
     ValueError for a name that nothing has, or that is held at a value."""
     priors = project.config.calibrate.priors
     for name in priors:
-        _check(project, name, law, own)
+        _check(project, name, law, own_of)
     return tuple(KnownValue(name=name, mean=mean, sd=sd) for name, (mean, sd) in priors.items())
 
 
 def _check(
-    project: Project, name: str, law: RubberLaw, own: Callable[[Project], Sequence[Effect]]
+    project: Project, name: str, law: RubberLaw, own_of: Callable[[Project], Sequence[Effect]]
 ) -> None:
     fixed, both = project.config.model.fixed, (TOTAL, SHARE) if set(NAMES) <= set(law.names) else ()
     if name in (*law.names, *both):
         made_of = NAMES if name in both else (name,)
-        held = [one for one in made_of if one in fixed]
+        held = [named for named in made_of if named in fixed]
         if held:
             raise ValueError(
                 f"calibrate.priors.{name}: {held[0]} = {fixed[held[0]]:g} MPa is held under [model] fixed; "
@@ -54,12 +54,12 @@ def _check(
     base = name.partition(".")[0]
     labels = [label for label in project.config.model.effects if name_of(label) == base]
     try:
-        one = effect(labels[0] if labels else base, users=own(project), law=law)
+        named = effect(labels[0] if labels else base, users=own_of(project), law=law)
     except ValueError:
         raise ValueError(
             f"calibrate.priors.{name}: wanted {', '.join((*law.names, *both))}, or a parameter of an effect, "
             'such as "creep.g1"; correct the name'
         ) from None
-    names = [p.name for p in one.parameters]
+    names = [p.name for p in named.parameters]
     if labels and name not in names:
         raise ValueError(f"calibrate.priors.{name}: {labels[0]} has {', '.join(names)}; correct the name")

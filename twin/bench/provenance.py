@@ -1,4 +1,4 @@
-"""A fit -> what fit.json says of how it was made: the engine that solved, priors, and the loss."""
+"""Provenance of a fit, for fit.json: the engine that solved, priors, and the loss."""
 
 from typing import Any
 
@@ -9,10 +9,10 @@ from twin.bench.workbench import Workbench
 from twin.judging.likelihood import down_weighted, prior_rows, weights_in_words
 
 
-def fitted_by(bench: Workbench, fit: Fit, one: Judgement) -> dict[str, Any]:
-    """What stands in fit.json beside a fit and its judgement."""
-    targets, residual = bench.targets, bench.targets.value - one.predicted
-    w, priors = one.errors.whitener(targets), prior_rows(fit, targets)
+def fitted_by(bench: Workbench, fit: Fit, judgement: Judgement) -> dict[str, Any]:
+    """Fields of fit.json on the provenance of a fit."""
+    targets, residual = bench.targets, bench.targets.value - judgement.predicted
+    w, priors = judgement.errors.whitener(targets), prior_rows(fit, targets)
     solver = solved_by(bench.project, bench.jobs)
     words = [f"{solver['release']} solved the model."] if solver["release"] else []
     words += [row.sentence for row in priors]

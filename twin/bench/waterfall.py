@@ -1,4 +1,4 @@
-"""How the error fell: nominal constants, calibrated, and every effect that was added or dropped since."""
+"""The error after each change of the model: nominal constants, calibrated, effects added or dropped."""
 
 from pathlib import Path
 
@@ -31,33 +31,33 @@ class Stair(Record):
 
     @property
     def error_mm(self) -> float:
-        """The error as it is drawn; of a comparison that an older version made, without shared errors."""
+        """The raw rms error; in the comparison of an older version the error without shared errors."""
         return self.rms_mm if self.raw_rms_mm is None else self.raw_rms_mm
 
     @property
     def foot_mm(self) -> float:
-        """What is expected of the error of a right model; of an older comparison, the noise."""
+        """The error expected of a right model; in an older comparison the noise."""
         return self.noise_sd_mm if self.expected_mm is None else self.expected_mm
 
 
 def stairs(project: Project) -> tuple[Stair, ...]:
-    """The models since the newest calibration that belongs to the present project, the oldest first; of runs
-    in a row that left the same effects the newest."""
+    """The models since the newest valid calibration, the oldest first; runs in a row with equal effects give
+    one, the newest."""
     out: list[Stair] = []
     for folder in _runs(project):
         fit = files.read(FitRecord, folder / FIT)
-        found, effects = files.read(ComparisonRecord, folder / COMPARISON), fit.effects
+        comparison, effects = files.read(ComparisonRecord, folder / COMPARISON), fit.effects
         if kind_of(folder) == "calibrate":
-            out = _nominal(fit, found)
+            out = _nominal(fit, comparison)
         elif out and out[-1].effects == effects:
             out.pop()
         done = _done(out[-1].effects if out else (), effects)
         out.append(
             Stair(
-                done=done, effects=effects, rms_mm=found.rms_mm, raw_rms_mm=found.raw_rms_mm,
-                expected_mm=found.expected_mm, expected_low_mm=found.expected_low_mm,
-                expected_high_mm=found.expected_high_mm, noise_sd_mm=found.noise_sd_mm,
-                adequate=found.adequate, run=folder.name,
+                done=done, effects=effects, rms_mm=comparison.rms_mm, raw_rms_mm=comparison.raw_rms_mm,
+                expected_mm=comparison.expected_mm, expected_low_mm=comparison.expected_low_mm,
+                expected_high_mm=comparison.expected_high_mm, noise_sd_mm=comparison.noise_sd_mm,
+                adequate=comparison.adequate, run=folder.name,
             )
         )  # fmt: skip
     return tuple(out)
@@ -67,39 +67,40 @@ def in_words(rows: tuple[Stair, ...]) -> str:
     """The errors one after the other, and what is expected, in words; nothing for a single model."""
     if len(rows) < 2:
         return ""
-    way = " -> ".join(f"{row.done} {row.error_mm:.3f}" for row in rows)
+    steps = " -> ".join(f"{row.done} {row.error_mm:.3f}" for row in rows)
     low, high = rows[-1].expected_low_mm, rows[-1].expected_high_mm
     band = "" if low is None or high is None else f"; a right model: {low:.3f} to {high:.3f} (95 %)"
-    return f"Error, mm rms: {way}{band}."
+    return f"Error, mm rms: {steps}{band}."
 
 
 def _runs(project: Project) -> list[Path]:
     """The runs with a fit of the present project, whatever their effects, from the newest calibration on."""
-    kinds, found = kinds_writing(FIT), []
+    kinds, folders = kinds_writing(FIT), []
     for folder in reversed(project.runs()):
         complete = (folder / FIT).is_file() and (folder / COMPARISON).is_file()
         if kind_of(folder) in kinds and complete and holds(project, folder):
-            found.append(folder)
+            folders.append(folder)
             if kind_of(folder) == "calibrate":
-                return found[::-1]
+                return folders[::-1]
     return []
 
 
-def _nominal(fit: FitRecord, found: ComparisonRecord) -> list[Stair]:
+def _nominal(fit: FitRecord, comparison: ComparisonRecord) -> list[Stair]:
     """The model before the calibration, where it was kept."""
     if fit.initial is None or fit.initial.rms_mm is None:
         return []
     return [
         Stair(
             done=NOMINAL, effects=(), rms_mm=fit.initial.rms_mm, raw_rms_mm=fit.initial.raw_rms_mm,
-            expected_mm=found.expected_mm, expected_low_mm=found.expected_low_mm,
-            expected_high_mm=found.expected_high_mm, noise_sd_mm=found.noise_sd_mm, adequate=False, run="",
+            expected_mm=comparison.expected_mm, expected_low_mm=comparison.expected_low_mm,
+            expected_high_mm=comparison.expected_high_mm, noise_sd_mm=comparison.noise_sd_mm,
+            adequate=False, run="",
         )
     ]  # fmt: skip
 
 
 def _done(before: tuple[str, ...], after: tuple[str, ...]) -> str:
-    """What changed between two models, in words."""
+    """The change between two models, such as "+ creep"."""
     more, less = ([e for e in a if e not in b] for a, b in ((after, before), (before, after)))
     widened = {name_of(e) for e in more} & {name_of(e) for e in less}
     less = [e for e in less if name_of(e) not in widened]

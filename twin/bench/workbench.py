@@ -1,4 +1,4 @@
-"""A project -> its targets, model and whitener: what every stage after `measure` starts from."""
+"""The calibration problem of a project: targets, model and whitener, for every stage after `measure`."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -71,8 +71,8 @@ class Workbench(CalibrationProblem):
         check_plausible(project, targets, structure.case)
         if structure.case.pressurised and (fault := rise_fault(targets)):
             raise ValueError(f"targets: {fault}")
-        known = known_values(project, elasticity.law, own_of)
-        targets = replace(targets, known=known, tails=TAILS[project.config.calibrate.loss])
+        priors = known_values(project, elasticity.law, own_of)
+        targets = replace(targets, known=priors, tails=TAILS[project.config.calibrate.loss])
         tests = pull_tests(project.config.material_tests, project.root)
         store = Store(project.root / "cache")
         bench = Workbench(targets, structure, elasticity, remarks, tests, store=store, project=project)
@@ -92,11 +92,14 @@ def check_plausible(project: Project, targets: Targets, case: Case) -> None:
 
 
 def elasticity_of(project: Project, nominal: Constants) -> Elasticity:
-    """The law of a project's silicone: what of it is fitted, between which bounds, and what is held. nominal:
-    the constants until they are fitted. ValueError for constants that the law does not have."""
+    """The law of a project's silicone, the bounds of its free constants and its fixed values.
+
+    nominal: the constants until they are fitted. ValueError for constants that the law does not have.
+    """
     config, law = project.config, nominal.law
-    for key, stated in (("model.fixed", config.model.fixed), ("calibrate.bounds", config.calibrate.bounds)):
-        if unknown := sorted(set(stated) - set(law.names)):
+    of_fit = config.calibrate.bounds
+    for key, constants in (("model.fixed", config.model.fixed), ("calibrate.bounds", of_fit)):
+        if unknown := sorted(set(constants) - set(law.names)):
             raise ValueError(
                 f"{key}.{unknown[0]}: only {' and '.join(law.names)} can be held, by law = {law.name!r}; "
                 "remove it from twin.toml (the density of a weighed finger is model.density_kg_m3)"
@@ -126,13 +129,13 @@ def own_of(project: Project) -> tuple[Effect, ...]:
 
 
 def structure_of(project: Project) -> Structure:
-    """What the model of a project is made of, as heavy as it was weighed, beside its object. ValueError where
-    its deck or its object is not there or not right."""
-    table, found = project.config.model, _unweighed(project)
-    found = closed(found) if table.self_contact else found
+    """The structure of a project's model, with its stated density and rigid object. ValueError where its deck
+    or object is missing or wrong."""
+    table, structure = project.config.model, _unweighed(project)
+    structure = closed(structure) if table.self_contact else structure
     if table.density_kg_m3 is not None:
-        found = weighed(found, density(table.density_kg_m3))
-    return found if table.object is None else beside(found, RigidObject.of(table.object))
+        structure = weighed(structure, density(table.density_kg_m3))
+    return structure if table.object is None else beside(structure, RigidObject.of(table.object))
 
 
 def body_of(project: Project) -> Body | None:
@@ -167,6 +170,6 @@ def places_of(project: Project, structure: Structure) -> dict[str, PlacedPoint]:
 
 
 def one_side(project: Project) -> bool:
-    """Whether a point on the side y < 0 of half a finger stands for its mirror image on the other side: one
-    camera sees only x and z, which are the same in both."""
+    """True where a point at y < 0 of half a finger stands for its mirror image: a single camera sees only x
+    and z, which are equal on both sides."""
     return len(project.config.cameras) == 1
