@@ -27,13 +27,14 @@ from twin.effects.standins import stand_ins
 from twin.experiments.benchchecks import in_words as checks_in_words
 from twin.experiments.benchchecks import witnesses
 from twin.experiments.choice import Member, in_words, next_experiments
-from twin.judging.fitting import whitener_of
+from twin.judging.fitting import unresolved
 from twin.judging.frame import frame_test
 from twin.judging.judged import Judged, judge
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
 SETTLED = 0.25  # sd, to which what is named is fitted: a 95 % interval that is off by so much covers 94 %
+ASTRAY = 0.05  # of the motion, rms
 TIED = 3  # members of a tie that experiments are planned for
 
 
@@ -54,7 +55,7 @@ def diagnose(
 
     Reads targets only. Raises Unsolvable where the base model cannot be solved at `start`.
     """
-    why = _refusal(targets)
+    why = _astray(model, targets, start) or _refusal(targets)
     if why:
         return cannot(why)
     frame = frame_test(targets)
@@ -63,10 +64,8 @@ def diagnose(
     generic = stand_ins(model.test) if beside is None else beside
     tell = progress or (lambda stage, done, total: None)
     task = Task(model, tuple(effects), tuple(generic), targets, seed, tell)
-    theta = start.theta if isinstance(start, Fit) else start
-    why = _mesh(model, whitener_of(model, theta, targets).noise_sd)
-    if why:
-        return replace(cannot(why), frame=frame)
+    if model.mesh is not None and model.mesh.unknown:
+        return replace(cannot(f"mesh: {model.mesh.unknown}"), frame=frame)
     base = task.base(start)
     rows = task.searched(base)
     diagnosis = _kept(concluded(decided(base, rows), base, rows), base, targets)
@@ -74,7 +73,8 @@ def diagnose(
     untried = [*task.silent, *(h for h in rows if h.note == LATE)]
     diagnosis = _completed(diagnosis, base, signatures, untried, targets, plan=plan)
     basis = targets.noise.basis if targets.noise else ""
-    return replace(diagnosis, frame=frame, sentence=" ".join(filter(None, [diagnosis.sentence, basis])))
+    sentences = [diagnosis.sentence, basis, _mesh(model, base.whitener.noise_sd)]
+    return replace(diagnosis, frame=frame, sentence=" ".join(filter(None, sentences)))
 
 
 def _kept(diagnosis: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
@@ -115,18 +115,40 @@ def _refusal(targets: Targets) -> str:
 
 
 def _mesh(model: Model, noise: float) -> str:
-    """The reason for which the mesh allows no test at a noise in mm; "" where it does."""
-    if model.mesh is None:
+    """A sentence on an error of the mesh that is carried as one of its own beside a noise in mm."""
+    error = unresolved(model, noise)
+    if not error:
         return ""
-    if model.mesh.unknown:
-        return f"mesh: {model.mesh.unknown}"
-    remainder = model.mesh.remainder_mm
-    if remainder > 0.1 * noise:
-        return (
-            f"mesh: {remainder:.4f} mm of the discretisation error is neither corrected nor carried by a "
-            f"mode, more than a tenth of the noise ({noise:.4f} mm); refine the mesh"
-        )
-    return ""
+    return (
+        f"The mesh errs by {error:.4f} mm beyond its correction, more than a tenth of the noise ({noise:.4f} "
+        "mm), and this is carried as an error of its own; mesh = 2 under [model] of twin.toml lowers it."
+    )
+
+
+def _astray(model: Model, targets: Targets, start: Array | Fit) -> str:
+    """The reason for which a fit is no model of this finger: it misses the film by more than nominal
+    constants do, and by more than ASTRAY of the motion; "" where it may be one."""
+    if not isinstance(start, Fit) or any(p.start is None for p in model.parameters):
+        return ""
+    used = targets.valid & ~targets.fixed[:, None] & ~targets.held_out[:, None, None]
+
+    def rms(field: Array) -> float:
+        return float(np.sqrt((field[used] ** 2).mean()))
+
+    moved, missed = rms(targets.value), rms(targets.value - model.predict(start.theta))
+    if missed <= ASTRAY * moved:
+        return ""
+    try:
+        nominal = rms(targets.value - model.predict(np.array([p.start for p in model.parameters], float)))
+    except Unsolvable:
+        return ""
+    if missed <= nominal:
+        return ""
+    return (
+        f"your base fit is no model of this finger: it misses the film by {missed:.3g} mm of a motion of "
+        f"{moved:.3g} mm, nominal constants by {nominal:.3g} mm; run twin calibrate --starts 10, and correct "
+        "dimensions, signs and units"
+    )
 
 
 # -- what belongs beside a verdict ---------------------------------------------------------------------------

@@ -8,12 +8,14 @@ import numpy as np
 
 from calibrate import Fit, least_squares
 from calibrate.fit import Jacobian, Residual
-from twin.judging.lawerrors import LawError, law_errors
+from twin.judging.lawerrors import LawError, law_errors, motion_errors
 from twin.judging.likelihood import posed, whitening
 from twin.judging.materialcurves import beside_film
 from twin.judging.whitening import LAW, Whitener, whitener
 from twin.model.prediction import Model, Unsolvable
 from twin.targets import Array, Targets
+
+MESH = 0.1  # of the noise, up to which an error of the mesh that nothing carries is left out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,13 +30,22 @@ class ModelErrors:
     law: float = 0.0
 
     @staticmethod
-    def of(model: Model, theta: Array, targets: Targets, *, law: float = 0.0) -> "ModelErrors":
-        """The errors of a model at theta (d,); law: by which share of what they add its laws may err, 1
-        sd."""
+    def of(
+        model: Model, theta: Array, targets: Targets, *, law: float = 0.0, motion: bool = False
+    ) -> "ModelErrors":
+        """The errors of a model at theta (d,); law: by which share of what they add its laws may err, 1 sd;
+        motion: of its whole motion instead."""
+        laws: tuple[LawError, ...] = ()
+        if motion:
+            places = np.asarray(model.test.points, float)[:, 0]
+            laws = (motion_errors(model.predict(theta), targets, places),)
+        elif law:
+            laws = law_errors(model, theta, targets)
+        gauge = model.per_pressure(theta) * targets.pressure_sd[:, None, None]
         return ModelErrors(
-            gauge=model.per_pressure(theta) * targets.pressure_sd[:, None, None],
-            modes=model.modes(theta),
-            laws=law_errors(model, theta, targets) if law else (),
+            gauge=gauge,
+            modes=np.concatenate([model.modes(theta), _of_mesh(model, theta, targets, gauge)]),
+            laws=laws,
             law=law,
         )
 
@@ -44,6 +55,29 @@ class ModelErrors:
         for error in self.laws:
             w = w.beside(self.law * error.modes, (f"{LAW}{error.effect}",) * len(error.modes))
         return w
+
+
+def noise_of(targets: Targets, gauge: Array) -> float:
+    """Root mean variance in mm of one value of the finger: its own and that of the gauge (s, p, 3) mm."""
+    variance = np.diagonal(targets.covariance, axis1=2, axis2=3) + gauge**2
+    return float(np.sqrt(variance[targets.valid & ~targets.fixed[:, None]].mean()))
+
+
+def unresolved(model: Model, noise: float) -> float:
+    """The root mean square in mm of the mesh's error that neither correction nor modes carry; 0 where it is
+    below MESH of the noise in mm."""
+    remainder = model.mesh.remainder_mm if model.mesh is not None else 0.0
+    return remainder if remainder > MESH * noise else 0.0
+
+
+def _of_mesh(model: Model, theta: Array, targets: Targets, gauge: Array) -> Array:
+    """Modes (q, s, p, 3) mm of that error, 1 sd each: of the motion, each direction on its own."""
+    error = unresolved(model, noise_of(targets, gauge))
+    if not error:
+        return np.zeros((0, *gauge.shape))
+    u = model.predict(theta)
+    rms = np.sqrt((u[targets.valid & ~targets.fixed[:, None]] ** 2).mean())
+    return error / rms * np.array([u * axis for axis in np.eye(3) if (u * axis).any()])
 
 
 def whitener_of(model: Model, theta: Array, targets: Targets) -> Whitener:

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from calibrate import Fit
+from calibrate.parameters import bounds
 from twin.effects.protocol import Unsolvable
 from twin.judging.comparison import Comparison, compare
 from twin.judging.fitting import ModelErrors, fit_model
@@ -21,6 +22,7 @@ from twin.targets import Array, Targets
 
 ROUGH = 1.0  # sd to which a start is followed under its own errors, which are not those of its end
 TURNS = 8  # steps from there, each under the errors at the last; two are enough for a model that is right
+DISCREPANCY = 0.1  # of the motion, 1 sd of each smooth part, that a base model may lack
 TRIES = 3  # solves of a turn: where it is, the step, and a shorter one where that is too long
 
 
@@ -91,15 +93,28 @@ def judge(
     stay, its reason says so. Raises Unsolvable where the model can be solved at no start.
     """
     task = _Task(model, targets, seed, evaluations, tolerance, TURNS if turns is None else turns, law)
-    ends, why = [], ""
-    for start in np.atleast_2d(np.asarray(starts, float)):
-        try:
-            ends.append(task.first(start))
-        except Unsolvable as error:
-            why = str(error)
-    if not ends:
-        raise Unsolvable(why)
-    return task.judged(task.settled(min(ends, key=lambda e: e.deviance)))
+    return task.judged(task.ended(starts))
+
+
+def judge_base(
+    model: Model, targets: Targets, *, starts: Array | Sequence[Array], seed: int = 0
+) -> Judged:
+    """A model that may lack an effect, fitted from starts (m, d) or (d,) and judged.
+
+    First with a discrepancy: errors of DISCREPANCY of its motion, smooth in pressure, place, memory and time
+    (Kennedy & O'Hagan 2001, doi 10.1111/1467-9868.00294), and from its end without. Where that fits, it is
+    kept. Where it does not, and asks shared errors to be more than is stated of them, it has paid for what is
+    missing with errors of the measurement, and with constants: then the first is kept, judged without its
+    discrepancy, unless its error is larger.
+    """
+    task = _Task(model, targets, seed, 25, 0.1, TURNS, DISCREPANCY, motion=True)
+    first = task.ended(starts)
+    plain = judge(model, targets, starts=first.fit.theta, seed=seed)
+    if plain.comparison.adequate or not plain.comparison.beyond:
+        return plain
+    task = replace(task, law=0.0, motion=False)
+    lacking = task.judged(task._at(first.fit))
+    return min(lacking, plain, key=lambda j: j.comparison.raw_rms_mm)
 
 
 def judge_fit(model: Model, targets: Targets, fit: Fit, *, law: float = 0.0) -> Judged:
@@ -143,6 +158,19 @@ class _Task:
     tolerance: float
     turns: int
     law: float
+    motion: bool = False
+
+    def ended(self, starts: Array | Sequence[Array]) -> _End:
+        """The settled end of the descent that comes lowest of those from starts (m, d) or (d,)."""
+        ends, why = [], ""
+        for start in np.atleast_2d(np.asarray(starts, float)):
+            try:
+                ends.append(self.first(start))
+            except Unsolvable as error:
+                why = str(error)
+        if not ends:
+            raise Unsolvable(why)
+        return self.settled(min(ends, key=lambda e: e.deviance))
 
     def first(self, start: Array) -> _End:
         """The end of a descent under the errors at its start."""
@@ -171,7 +199,8 @@ class _Task:
             step, sd = fit.theta - end.fit.theta, np.maximum(fit.sd, 1e-300)
             back = (step / sd) @ (last / sd) < 0
             last = step / 2 if back else step
-            end = self._at(replace(fit, theta=end.fit.theta + last, evaluations=done))
+            theta = np.clip(end.fit.theta + last, *bounds(fit.parameters))
+            end = self._at(replace(fit, theta=theta, evaluations=done))
             best = min(best, end, key=lambda e: e.deviance)
         reason = f"the errors of gauge and mesh, rebuilt {self.turns} times at the fit, still move it"
         return replace(best, fit=replace(best.fit, evaluations=done, converged=False, reason=reason))
@@ -195,7 +224,7 @@ class _Task:
         )
 
     def _errors(self, theta: Array) -> ModelErrors:
-        return ModelErrors.of(self.model, theta, self.targets, law=self.law)
+        return ModelErrors.of(self.model, theta, self.targets, law=self.law, motion=self.motion)
 
     def _fit(self, w: Whitener, start: Array, evaluations: int, *, tolerance: float | None = None) -> Fit:
         return fit_model(
