@@ -10,9 +10,10 @@ is imported when it is first used, so that `import twin` stays quick.
 Beside the rooms lie `targets`, the measurement as arrays; `gravity` and `sanity`, what targets obey;
 `tablemodel`, the kinds of values in tables of TOML, and `validation`, which checks them; `marktables`,
 points and markers; `records`, the base of JSON files; `files`, which writes every file whole or not at all;
-`csvtable`, the reader of CSV; `messages` to the user; `chain`, the one list of commands, and `signatures`,
-their options, which `cli` parses, `main` starts and `console` prints; `notebook` and `results`, the same for
-Python; `numerals`, how numbers are written; and `effort`, what was solved and what it cost.
+`csvtable`, the reader of CSV, and `table`, rows as lines, CSV or a DataFrame; `messages` to the user;
+`chain`, the one list of commands, and `signatures`, their options, which `cli` parses, `main` starts and
+`console` prints; `notebook` and `results`, the same for Python; `numerals`, numbers as text; and `effort`,
+the number and the cost of solves.
 """
 
 from importlib import import_module

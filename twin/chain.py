@@ -15,7 +15,7 @@ FITTED = (*MODEL, FIT)  # what a calibrated model is made from
 
 
 class Needs(Enum):
-    """What a command works on: the first argument of its function."""
+    """First argument of a command's function."""
 
     FOLDER = "the path that it is given"
     ROOT = "the path of --project"
@@ -55,7 +55,7 @@ class Command:
     alone: str = ""  # the argument with which it needs no project
 
     def run(self, of: Any, say: Any, **options: Any) -> dict[str, Any]:
-        """What --json prints, once the command has run; `of` is what it needs, `options` are its own."""
+        """Result for --json once the command has run on `of`, its first argument, with its options."""
         result: dict[str, Any] = function_at(self.function)(of, say, **options)
         return result
 
@@ -71,7 +71,11 @@ class Stage(Command):
 
     @property
     def tables(self) -> tuple[str, ...]:
-        """Names of the tables of twin.toml that it reads."""
+        """Names of the tables of twin.toml that it reads.
+
+        >>> stage_of("profile").tables
+        ('model', 'points', 'calibrate', 'material_tests')
+        """
         return tuple(name.strip("[]") for name in self.reads if name.startswith("["))
 
 
@@ -198,7 +202,7 @@ COMMANDS = (
     Stage(
         name="explore", title="Say which constant or dimension bends the finger most.",
         reads=tuple(name for name in FITTED if name != "[points]"),
-        writes=("explore.json", "explore.csv", "explore-effects.png", "explore-parallel.png"),
+        writes=("explore.json", "explore.csv", "explore-effects.png"),
         group=Group.USE, function="twin.commands.explore:run_explore", solves=True, when=When.ASKED,
     ),
     Stage(
@@ -227,7 +231,11 @@ STAGES = tuple(command for command in COMMANDS if isinstance(command, Stage))
 
 
 def command_of(name: str) -> Command:
-    """The command of a name."""
+    """The command of a name.
+
+    >>> command_of("add").group
+    <Group.MISSING: 'Find what the model lacks'>
+    """
     return next(command for command in COMMANDS if command.name == name)
 
 
@@ -237,7 +245,11 @@ def stage_of(name: str) -> Stage:
 
 
 def kinds_writing(file: str) -> tuple[str, ...]:
-    """Names of the stages that write a file."""
+    """Names of the stages that write a file.
+
+    >>> kinds_writing("fit.json")
+    ('calibrate', 'add', 'drop')
+    """
     return tuple(stage.name for stage in STAGES if file in stage.writes)
 
 

@@ -37,7 +37,8 @@ The usual way:
   twin predict --pressure 20kPa    motions that nobody has filmed
 `twin check` names what is missing and the next command."""
 
-PROJECT = Annotated[Path, typer.Option("--project", "-p", help="project folder, the one with twin.toml")]
+PROJECT = Annotated[Path, typer.Option(
+    "--project", "-p", metavar="PATH", help="project folder, the one with twin.toml")]  # fmt: skip
 JSON = Annotated[bool, typer.Option("--json", help="print the result as one JSON line, text to stderr")]
 CLUSTER = Annotated[str, typer.Option(
     metavar="WHERE", envvar="DASK_SCHEDULER_ADDRESS", show_envvar=False,
@@ -84,8 +85,8 @@ class Commands(TyperGroup):
 app = typer.Typer(cls=Commands, help=HELP, no_args_is_help=True, **PLAIN)
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import version
 
         print(f"softtwin {version('softtwin')}")

@@ -18,7 +18,11 @@ _AS_CODES = {code: f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" for code
 
 
 def shown(text: str) -> str:
-    """A text as a terminal may show it: letters that would steer it stand as their codes."""
+    """A text as a terminal may show it: letters that would steer it stand as their codes.
+
+    >>> print(shown("\x1b[31mred"))
+    \\x1b[31mred
+    """
     return text.translate(_AS_CODES)
 
 
@@ -48,8 +52,8 @@ class Console:
         _print(text, sys.stderr if self.as_json else sys.stdout)
 
     def progress(self, stage: str, done: int, total: int, /) -> None:
-        """Show how far a part of a stage is, and what time is left of it: a bar on a terminal, else a line
-        every few seconds."""
+        """Show the progress of a part of a stage and its remaining time: a bar on a terminal, else a line
+        every PLAIN_EVERY seconds."""
         if done < self._reached.get(stage, done + 1):  # a part is new, or comes again
             self._began[stage] = time.monotonic(), done
         self._reached[stage] = done
@@ -74,12 +78,12 @@ class Console:
             self._bar, self._tasks = None, {}
 
     def _left(self, stage: str, done: int, total: int) -> str:
-        """The time that is left of a part, in words, if it goes on as it went; "" where nothing tells it."""
-        began, first = self._began[stage]
-        if not first < done < total:
+        """Remaining time of a part at its mean speed, in words; empty before the first step is done."""
+        began, done_before = self._began[stage]
+        if not done_before < done < total:
             return ""
-        left = (time.monotonic() - began) * (total - done) / (done - first)
-        return f", about {left:.0f} s left" if left < 100 else f", about {left / 60:.0f} min left"
+        seconds = (time.monotonic() - began) * (total - done) / (done - done_before)
+        return f", about {seconds:.0f} s left" if seconds < 100 else f", about {seconds / 60:.0f} min left"
 
     def _draw(self, stage: str, done: int, total: int) -> None:
         if self._bar is None:
@@ -121,7 +125,7 @@ def guarded(work: Callable[[], Any], *, debug: bool) -> int:
 
 
 def _is_input(error: Exception) -> bool:
-    """Whether the user can mend it: bad input, or a file system that refuses."""
+    """True if the user can mend it: bad input, or a file system that refuses."""
     # numpy's LinAlgError is a ValueError too, but no user caused it
     return isinstance(error, ValueError | OSError | MemoryError) and type(error).__name__ != "LinAlgError"
 

@@ -1,4 +1,4 @@
-"""Where the command `twin` begins: an interrupt ends it without a traceback, also while it loads."""
+"""Start of the command `twin`: an interrupt ends it without a traceback, also while it loads."""
 
 import _thread
 import os
@@ -65,7 +65,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _loads(frame: FrameType | None) -> bool:
-    """Whether a frame is reached by an import."""
+    """True if a frame is reached by an import."""
     while frame is not None and frame.f_code.co_filename != IMPORT:
         frame = frame.f_back
     return frame is not None

@@ -28,12 +28,12 @@ def _method(name: str) -> Callable[..., StageResult]:
     signature = signature_of(command)
 
     def run(opened: "OpenedProject", /, **options: Any) -> StageResult:
-        said, project = Lines(), opened.project
+        messages, project = Lines(), opened.project
         with project.lock(name) if command.needs is Needs.LOCK else nullcontext():
-            summary = command.run(project, said, **options)
+            summary = command.run(project, messages, **options)
         last = summary.get("with_effects", summary)  # of calibrate: the fit with effects comes last
         folder = project.root / "runs" / Path(str(last["run"])).name if "run" in last else None
-        return _result(name, summary, said, folder)
+        return _result(name, summary, messages, folder)
 
     method = called_with(signature.method, run)
     method.__name__, method.__qualname__, method.__module__ = name, f"OpenedProject.{name}", __name__
@@ -93,8 +93,8 @@ class OpenedProject:
         return Workbench.of(self.project)
 
     def model(self, effects: Sequence[str] | None = None) -> "Model":
-        """The model with these effects, by default those of twin.toml; it predicts (s, p, 3) mm, without the
-        error of its mesh: `predicted` has that."""
+        """The model with these effects, by default the effects of twin.toml; it predicts (s, p, 3) mm,
+        without the correction for its mesh, which `predicted` has."""
         return self.bench.model(effects)
 
     def response(
@@ -118,7 +118,7 @@ class OpenedProject:
         return RangedResponse.of(model, theta, within=within, solves=solves)
 
     def found(self, stage: str) -> StageResult:
-        """Result of the newest run of a stage that belongs to the project as it is: nothing is run.
+        """Result of the newest run of a stage on the present inputs; nothing is run.
 
         Of "calibrate" it is the fit of the model with the effects that twin.toml has. ValueError where there
         is no such run.
@@ -130,18 +130,18 @@ class OpenedProject:
         path = fit_file(project) if stage == "calibrate" else fresh(project, (stage,))
         if path is None:
             raise ValueError(f"no run of {stage} belongs to this project as it is; run batch.{stage}()")
-        summary, said = files.plain(project.info(path.parent).summary), Lines()
-        said(str(summary.get("headline") or stage))
-        return _result(stage, summary, said, path.parent)
+        summary, messages = files.plain(project.info(path.parent).summary), Lines()
+        messages(str(summary.get("headline") or stage))
+        return _result(stage, summary, messages, path.parent)
 
     def recalibrate(self) -> StageResult:
         """Every stage that is stale, none that is fresh; the fitted constants: a row for each."""
         from twin.commands.recalibrate import run_recalibrate
 
-        said, project = Lines(), self.project
+        messages, project = Lines(), self.project
         with project.lock("recalibrate"):
-            summary = run_recalibrate(project, said)
-        return _result("recalibrate", summary, said, self.found("calibrate").folder)
+            summary = run_recalibrate(project, messages)
+        return _result("recalibrate", summary, messages, self.found("calibrate").folder)
 
     look = _method("look")
     print = _method("print")
@@ -166,5 +166,5 @@ class OpenedProject:
     review = _method("review")
 
 
-def _result(stage: str, summary: dict[str, Any], said: Lines, folder: Path | None) -> StageResult:
-    return StageResult(stage, summary, tuple(said.lines), folder, rows_of(stage, folder, summary))
+def _result(stage: str, summary: dict[str, Any], messages: Lines, folder: Path | None) -> StageResult:
+    return StageResult(stage, summary, tuple(messages.lines), folder, rows_of(stage, folder, summary))

@@ -1,4 +1,4 @@
-"""How numbers are written for people: in the report, and in what the stages say."""
+"""Numbers as text for people: in the report and in messages."""
 
 import math
 from collections.abc import Mapping
@@ -8,7 +8,11 @@ from twin.judging.fitrecord import Estimate
 
 
 def short(value: Any) -> str:
-    """A number with three significant digits, whole from 100 on; text as it is; a dash for nothing."""
+    """A number with three significant digits, whole from 100 on; text unchanged; a dash for None.
+
+    >>> short(0.123456), short(1234.5), short(1.2e-7), short(None)
+    ('0.123', '1,234', '1.20e-07', '–')
+    """
     if value is None:
         return "–"
     if isinstance(value, str):
@@ -23,7 +27,11 @@ def short(value: Any) -> str:
 
 
 def interval(low: Any, high: Any) -> str:
-    """The 95 % interval of a parameter, both ends with the digits that its width gives."""
+    """The 95 % interval of a parameter, both ends with the digits that its width gives.
+
+    >>> interval(0.19873, 0.20411)
+    '0.1987 to 0.2041'
+    """
     if not _known(low) or not _known(high):
         return "–"
     digits = _digits(low, high)
@@ -31,21 +39,33 @@ def interval(low: Any, high: Any) -> str:
 
 
 def value(best: Any, low: Any, high: Any) -> str:
-    """The value of a parameter with as many digits as its interval."""
+    """The value of a parameter with as many digits as its interval.
+
+    >>> value(0.2014239, 0.19873, 0.20411)
+    '0.2014'
+    """
     if not _known(best) or not _known(low) or not _known(high):
         return short(best)
     return f"{best:.{_digits(low, high)}f}"
 
 
 def probability(p: Any) -> str:
-    """A probability with two digits; those too small to print as a bound."""
+    """A probability with two digits; a bound where it is too small to print.
+
+    >>> probability(0.03214), probability(1e-120)
+    ('0.032', '< 1e-99')
+    """
     if not _known(p):
         return "–"
     return "< 1e-99" if p < 1e-99 else f"{p:.2g}"
 
 
 def correlation(r: Any) -> str:
-    """A correlation with two digits of what it lacks of 1: near 1 these are what differs."""
+    """A correlation with two digits of its distance from 1.
+
+    >>> correlation(0.5), correlation(0.99876)
+    ('0.50', '0.9988')
+    """
     if not _known(r):
         return "–"
     lack = max(1.0 - abs(r), 1e-9)
@@ -53,7 +73,7 @@ def correlation(r: Any) -> str:
 
 
 def in_words(estimates: Mapping[str, Estimate]) -> str:
-    """All estimates in a line: values with intervals; what several of them note stands once, at the end."""
+    """All estimates in a line: values with intervals; a note of several stands once, at the end."""
     notes = [e.note for e in estimates.values()]
     shared = {note for note in notes if note and notes.count(note) > 1}
     cells = [_cell(name, e, shared) for name, e in estimates.items()]

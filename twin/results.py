@@ -1,6 +1,5 @@
-"""What a stage returns to Python: its summary, what it said, and its table as a pandas DataFrame."""
+"""Results of commands in Python: summary, messages, and the table as a pandas DataFrame."""
 
-import csv
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from html import escape
@@ -12,6 +11,7 @@ from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.explanation import EvidenceRecord
 from twin.judging.fitrecord import ComparisonRecord, FitRecord, Interval
 from twin.study.record import Study, page_facts
+from twin.table import DataTable
 
 if TYPE_CHECKING:  # pandas takes a second to import: only who asks for a table pays for it
     import pandas
@@ -22,7 +22,7 @@ SHOWN = 20  # rows of a table in a cell; to_pandas() has all
 
 @dataclass(frozen=True)
 class StageResult:
-    """What one stage found."""
+    """Result of a stage."""
 
     stage: str
     summary: Mapping[str, Any] = field(repr=False)  # what `--json` prints: verdict, chi2, where, ...
@@ -34,12 +34,12 @@ class StageResult:
         return "\n".join(self.said)
 
     def _repr_html_(self) -> str:
-        """What a notebook shows of it: what was said, and the table."""
+        """HTML of a notebook's cell: messages and table."""
         lines = "".join(f"<p>{escape(line)}</p>" for line in self.said)
         return f"{lines}{self.to_pandas().to_html(index=False, max_rows=SHOWN)}"
 
     def to_pandas(self) -> "pandas.DataFrame":
-        """The stage's table, one row each; the columns are those of docs/python.md, units in their names."""
+        """The stage's table; docs/python.md lists the columns, units stand in their names."""
         import pandas
 
         return pandas.DataFrame(list(self.rows))
@@ -99,16 +99,7 @@ def _budget(folder: Path) -> Iterator[Row]:
     """A row for each marker and source of error, as budget.csv has them; none of another program's file."""
     if not (folder / "budget.csv").is_file():
         return
-    with (folder / "budget.csv").open(encoding="utf-8", newline="") as lines:
-        for row in csv.DictReader(lines):
-            yield {key: _number(value) for key, value in row.items()}
-
-
-def _number(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
+    yield from DataTable.read(folder / "budget.csv", text=("point",)).records
 
 
 def _study(folder: Path) -> Iterable[Row]:
@@ -136,10 +127,10 @@ def _posterior(folder: Path) -> Iterator[Row]:
 
 def _front(folder: Path) -> Iterator[Row]:
     """A row for each point of the front that was solved: its parameters, and misfits by objective."""
-    found = files.read_json(folder / "pareto.json")
-    for k, point in enumerate(found["points"]):
+    front = files.read_json(folder / "pareto.json")
+    for k, point in enumerate(front["points"]):
         misfits = {f"misfit {name}": value for name, value in point["misfit"].items()}
-        yield {**point["parameters"], **misfits, "knee": k == found["knee"]}
+        yield {**point["parameters"], **misfits, "knee": k == front["knee"]}
 
 
 def _explored(folder: Path) -> Iterator[Row]:
@@ -150,10 +141,8 @@ def _explored(folder: Path) -> Iterator[Row]:
 
 def _predicted(folder: Path) -> Iterator[Row]:
     """A row for each point and time, as predicted.csv; an interval that there is not is None."""
-    with (folder / "predicted.csv").open(encoding="utf-8", newline="") as stream:
-        for row in csv.DictReader(stream):
-            numbers = {k: float(v) if v else None for k, v in row.items() if k not in ("point", "beyond")}
-            yield {"point": row["point"], **numbers, "beyond": row["beyond"] == "true"}
+    for row in DataTable.read(folder / "predicted.csv", text=("point",)).records:
+        yield {"point": row.pop("point"), **row}
 
 
 _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {

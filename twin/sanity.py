@@ -1,6 +1,6 @@
-"""Whether pressures and displacements can be those of a soft finger: one test for a raw log and for targets.
+"""Plausibility of pressures and displacements of a soft finger, for a raw log and for targets.
 
-Each function gives one sentence that says what is wrong and what is the likely cause, or "".
+Each function returns a sentence that names a fault and its likely cause, or "".
 """
 
 import numpy as np
@@ -31,7 +31,13 @@ OFF_NODE_MM = 3.0  # a marker from its node: room for its thickness and for a ro
 
 
 def pressure_fault(peak: float, *, unit: str = "MPa") -> str:
-    """What is wrong with a largest pressure in MPa that was read in a unit."""
+    """Fault of a largest pressure in MPa that was read in a unit.
+
+    >>> pressure_fault(0.03)
+    ''
+    >>> pressure_fault(30.0)[-53:]
+    'Pa (30 kPa are 0.03 MPa) or psi (30 psi are 0.21 MPa)'
+    """
     if LEAST_MPA <= peak <= MOST_MPA or (unit == "MPa" and peak < LEAST_MPA):
         return ""  # a resting gauge says nothing of its unit
     text = (f"reaches {peak:.3g} MPa, read in {unit}; wanted {LEAST_MPA:g} to {MOST_MPA:g} MPa, as soft "
@@ -40,13 +46,20 @@ def pressure_fault(peak: float, *, unit: str = "MPa") -> str:
     likely = [name for name, factor in UNITS.items() if low <= factor * peak <= high] if unit == "MPa" else []
     if not likely:
         return text
-    shown = " or ".join(f"{name} ({peak:.3g} {name} are {UNITS[name] * peak:.2g} MPa)" for name in likely)
-    return f"{text}; the numbers are likely in {shown}"
+    candidates = " or ".join(
+        f"{name} ({peak:.3g} {name} are {UNITS[name] * peak:.2g} MPa)" for name in likely
+    )
+    return f"{text}; the numbers are likely in {candidates}"
 
 
 def top_fault(peak: float, *, unit: str, top_kPa: float) -> str:
-    """What is wrong with a largest pressure in MPa that was read in a unit, where the regulator was set to
-    `top_kPa`."""
+    """Fault of a largest pressure in MPa that was read in a unit, where the regulator was set to `top_kPa`.
+
+    >>> top_fault(0.03, unit="kPa", top_kPa=30)
+    ''
+    >>> top_fault(0.003, unit="mbar", top_kPa=30)[-36:]
+    '5 kPa; the numbers are likely in kPa'
+    """
     times = 1e3 * peak / top_kPa
     if 1 / REACHED <= times <= REACHED:
         return ""
@@ -92,7 +105,11 @@ def stability_doubt(constants: Constants) -> str:
 
 
 def zero_fault(pressure: Array) -> str:
-    """What is wrong with the pressures (t,) MPa of a whole test: absolute pressure, or a sign."""
+    """Fault of the pressures (t,) MPa of a whole test: absolute pressure, or a wrong sign.
+
+    >>> zero_fault(np.array([0.1013, 0.12, 0.13])).partition(":")[0]
+    'never falls below 0.1013 MPa, which is the pressure of the air'
+    """
     low, high = float(pressure.min()), float(pressure.max())
     if AIR_MPA[0] <= low <= AIR_MPA[1]:
         return (
@@ -101,12 +118,12 @@ def zero_fault(pressure: Array) -> str:
             "reading at rest"
         )
     if low < -LEAST_MPA and -low > TURNED * high:
-        missing, kept = pressure == low, pressure[pressure != low]
-        if kept.size > missing.sum() and kept.min() > low / TURNED and kept.max() >= LEAST_MPA:
+        missing, readings = pressure == low, pressure[pressure != low]
+        if readings.size > missing.sum() and readings.min() > low / TURNED and readings.max() >= LEAST_MPA:
             return (
-                f"is exactly {low:.4g} MPa in {missing.sum()} of {pressure.size} rows, and {kept.min():.2g} "
-                f"to {kept.max():.2g} MPa in all others: such a value usually stands for 'no reading'; "
-                "remove these rows"
+                f"is exactly {low:.4g} MPa in {missing.sum()} of {pressure.size} rows, and "
+                f"{readings.min():.2g} to {readings.max():.2g} MPa in all others: such a value usually "
+                "stands for 'no reading'; remove these rows"
             )
         return (
             f"falls to {low:.3g} MPa and rises to {high:.2g} MPa only; wanted gauge pressure, above 0 when "
@@ -116,8 +133,8 @@ def zero_fault(pressure: Array) -> str:
 
 
 def motion_fault(targets: Targets, case: Case, *, bends_down: bool) -> str:
-    """What is wrong with measured displacements for the finger of a case: their size, or their sign where
-    the finger is known to bend to -z."""
+    """Fault of measured displacements for the finger of a case: their size, or their sign where the finger
+    bends to -z."""
     u = np.where(targets.valid, targets.value, np.nan)[:, ~targets.fixed]
     if not np.isfinite(u).any():
         return "no displacement of a point on the finger is valid; wanted some with valid 1 in targets.csv"
@@ -135,13 +152,12 @@ def motion_fault(targets: Targets, case: Case, *, bends_down: bool) -> str:
 
 
 def doubts(targets: Targets, case: Case) -> tuple[str, ...]:
-    """What is odd in targets without being surely wrong, one sentence each: points that may be exchanged, or
-    times in another unit."""
+    """Doubts about targets, one sentence each: points that may be exchanged, or times in another unit."""
     return tuple(filter(None, (_overtaken(targets, case), _late(targets))))
 
 
 def _late(targets: Targets) -> str:
-    """Whether a test of many steps lasts for hours."""
+    """Doubt about the unit of time: a test of many steps lasts for hours."""
     hours = float(np.ptp(targets.time)) / 3600
     if hours < LONG_H or len(targets.time) < MANY:
         return ""
@@ -150,7 +166,7 @@ def _late(targets: Targets) -> str:
 
 
 def rise_fault(targets: Targets) -> str:
-    """What is wrong where there is no pressure to calibrate with."""
+    """Fault of targets without a pressure to calibrate with."""
     most = float(np.abs(targets.pressure).max())
     if most >= LEAST_MPA:
         return ""
@@ -158,7 +174,7 @@ def rise_fault(targets: Targets) -> str:
 
 
 def _sign(targets: Targets, least: float) -> str:
-    """Whether the point that moves most along z at top pressure moves up, by `least` mm or more."""
+    """Fault where the point that moves most along z at top pressure moves up, by `least` mm or more."""
     top = targets.pressure >= 0.99 * targets.pressure.max()
     z = np.where(targets.valid[..., 2] & ~targets.fixed, targets.value[..., 2], np.nan)[top]
     if not np.isfinite(z).any():
@@ -173,11 +189,11 @@ def _sign(targets: Targets, least: float) -> str:
 
 
 def _vague(targets: Targets, most: float) -> str:
-    """Whether the stated sds are larger than anything that moves."""
-    own = targets.valid & ~targets.fixed[:, None]
-    if not own.any():
+    """Fault of sds that are larger than every displacement."""
+    measured = targets.valid & ~targets.fixed[:, None]
+    if not measured.any():
         return ""
-    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[own]
+    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[measured]
     sd = float(np.sqrt(np.median(variance)))
     if sd <= most:
         return ""
@@ -188,7 +204,7 @@ def _vague(targets: Targets, most: float) -> str:
 
 
 def _drawn(targets: Targets, length: float) -> str:
-    """Whether a point that bends far down moves away from the clamp: an arc draws it back by u3^2 / 1.5 L."""
+    """Fault where a point that bends far down leaves the clamp: an arc draws it back by u3^2 / 1.5 L."""
     value = np.where(targets.valid & ~targets.fixed[:, None], targets.value, np.nan)
     x, z = value[..., 0], value[..., 2]
     off = np.where(z < -FAR * length, x - FORTH * z**2 / length, -np.inf)
@@ -204,20 +220,20 @@ def _drawn(targets: Targets, length: float) -> str:
 
 
 def _overtaken(targets: Targets, case: Case) -> str:
-    """Whether a point moves much more than one that lies farther from the clamp."""
-    known = [p for p, point in enumerate(targets.points) if point.kind in (PointKind.NODE, PointKind.PLACE)]
+    """Doubt about a point that moves much more than another one farther from the clamp."""
+    placed = [p for p, point in enumerate(targets.points) if point.kind in (PointKind.NODE, PointKind.PLACE)]
     top, length = int(np.argmax(targets.pressure)), float(np.ptp(case.nodes[:, 0]))
-    shared = targets.valid[top][known].all(axis=0)
-    if len(known) < 2 or not shared.any():
+    shared = targets.valid[top][placed].all(axis=0)
+    if len(placed) < 2 or not shared.any():
         return ""
-    x = np.array([targets.points[p].place(case.position)[0] for p in known])
-    moved = np.linalg.norm(targets.value[top][known][:, shared], axis=1)
+    x = np.array([targets.points[p].place(case.position)[0] for p in placed])
+    moved = np.linalg.norm(targets.value[top][placed][:, shared], axis=1)
     apart = (x[None] - x[:, None] > APART * length) & (moved[:, None] > BENT * length)
     ratio = np.where(apart, moved[:, None] / np.maximum(moved[None], 1e-9), 0.0)
     a, b = np.unravel_index(int(ratio.argmax()), ratio.shape)
     if ratio[a, b] < FASTER:
         return ""
-    near, far = targets.names[known[int(a)]], targets.names[known[int(b)]]
+    near, far = targets.names[placed[int(a)]], targets.names[placed[int(b)]]
     return (
         f"Point {near} at x = {x[a]:.4g} mm moves by {moved[a]:.3g} mm at top pressure, and {far} at x = "
         f"{x[b]:.4g} mm by {moved[b]:.3g} mm, though it lies farther from the clamp. Does something hold the "
@@ -225,14 +241,14 @@ def _overtaken(targets: Targets, case: Case) -> str:
     )
 
 
-def on_model_side(stated: Array, case: Case, *, mirrored: bool) -> Array:
+def on_model_side(position: Array, case: Case, *, mirrored: bool) -> Array:
     """A stated position (3,) mm, or with `mirrored` its mirror image, where a half model has only that."""
     half = float(case.nodes[:, 1].min()) >= -ON_PLANE_MM
-    return stated * (1.0, -1.0, 1.0) if mirrored and half and stated[1] < 0.0 else stated
+    return position * (1.0, -1.0, 1.0) if mirrored and half and position[1] < 0.0 else position
 
 
 def place_fault(targets: Targets, case: Case, *, mirrored: bool = False) -> str:
-    """Which point is stated too far from the node that it is said to be at.
+    """Fault of a point whose stated position is too far from its node.
 
     mirrored: whether a point on the side y < 0 of half a finger stands for its mirror image.
     """
@@ -240,8 +256,8 @@ def place_fault(targets: Targets, case: Case, *, mirrored: bool = False) -> str:
         if point.kind is not PointKind.NODE or point.position is None or point.node is None:
             continue
         node = case.position(point.node)
-        stated = on_model_side(np.array(point.position), case, mirrored=mirrored)
-        away = float(np.linalg.norm(stated - node))
+        position = on_model_side(np.array(point.position), case, mirrored=mirrored)
+        away = float(np.linalg.norm(position - node))
         if away > OFF_NODE_MM:
             return (
                 f"point {point.name!r} is stated at {_shown(point.position)} mm, but its node {point.node} "
@@ -255,16 +271,15 @@ EXPLAINED = 0.5  # share of the motion's mean square that any model of the finge
 
 
 def fit_fault(targets: Targets, residual: Array) -> str:
-    """What is wrong where the best of the model's constants leaves residuals (s, p, 3) mm as large as the
-    motion itself."""
+    """Fault where the best constants of the model leave residuals (s, p, 3) mm as large as the motion."""
     used = targets.valid & ~targets.fixed[:, None] & ~targets.held_out[:, None, None]
-    moved, left = (float(np.sqrt((x[used] ** 2).mean())) for x in (targets.value, residual))
-    if left**2 <= (1 - EXPLAINED) * moved**2:
+    moved, misfit = (float(np.sqrt((x[used] ** 2).mean())) for x in (targets.value, residual))
+    if misfit**2 <= (1 - EXPLAINED) * moved**2:
         return ""
     s, p, i = np.unravel_index(int(np.where(used, np.abs(residual), 0.0).argmax()), residual.shape)
     measured, model = targets.value[s, p, i], targets.value[s, p, i] - residual[s, p, i]
     return (
-        f"the best constants leave {left:.3g} mm rms of a motion of {moved:.3g} mm rms: these are not the "
+        f"the best constants leave {misfit:.3g} mm rms of a motion of {moved:.3g} mm rms: these are not the "
         f"displacements of this finger. Most at {targets.names[int(p)]}: U{i + 1} is {measured:.3g} mm, the "
         f"model's {model:.3g} mm at {targets.pressure[s]:.3g} MPa. Check signs and units of the "
         "displacements, the "

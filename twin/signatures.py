@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
 from typer import Argument, Option
+from typer.models import OptionInfo
 
 from twin.chain import Command
 
-# The names that the annotation of an option may use.
+METAVARS = {str: "TEXT", float: "NUMBER", int: "NUMBER", Path: "PATH"}
+# The names that the annotation of an option may use:
 NAMES = {"Annotated": Annotated, "Argument": Argument, "Option": Option, "Path": Path, "Sequence": Sequence}
 
 
@@ -40,8 +42,8 @@ class CommandSignature:
     @property
     def method(self) -> Signature:
         """The signature of the method of a project: a first sequence is typed as `*names`."""
-        receiver = Parameter("self", Parameter.POSITIONAL_ONLY)
-        return Signature([receiver, *(_as_argument(p) for p in self.parameters)])
+        self_parameter = Parameter("self", Parameter.POSITIONAL_ONLY)
+        return Signature([self_parameter, *(_as_argument(p) for p in self.parameters)])
 
     @property
     def helps(self) -> dict[str, str]:
@@ -63,11 +65,13 @@ def signature_of(command: Command) -> CommandSignature:
     assert spec.origin is not None
     tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
     function = next(n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == name)
-    args = function.args
-    at_the_end = [None] * (len(args.args) - len(args.defaults)) + list(args.defaults)
-    kinds = [*(Parameter.POSITIONAL_OR_KEYWORD for _ in args.args),
-             *(Parameter.KEYWORD_ONLY for _ in args.kwonlyargs)]  # fmt: skip
-    rows = zip(kinds, [*args.args, *args.kwonlyargs], [*at_the_end, *args.kw_defaults], strict=True)
+    arguments = function.args
+    at_the_end = [None] * (len(arguments.args) - len(arguments.defaults)) + list(arguments.defaults)
+    kinds = [*(Parameter.POSITIONAL_OR_KEYWORD for _ in arguments.args),
+             *(Parameter.KEYWORD_ONLY for _ in arguments.kwonlyargs)]  # fmt: skip
+    rows = zip(
+        kinds, [*arguments.args, *arguments.kwonlyargs], [*at_the_end, *arguments.kw_defaults], strict=True
+    )
     parameters = tuple(
         Parameter(argument.arg, kind, annotation=_value(argument.annotation),
                   default=Parameter.empty if default is None else _value(default))
@@ -88,6 +92,8 @@ def _value(expression: ast.expr | None) -> Any:
 
 def _as_list(annotation: Any) -> Any:
     kind, option = get_args(annotation)[:2]
+    if isinstance(option, OptionInfo):  # an argument shows its name
+        option.metavar = next((METAVARS[k] for k in (kind, *get_args(kind)) if k in METAVARS), None)
     return Annotated[list[get_args(kind)[0]] if _is_sequence(kind) else kind, option]  # type: ignore[misc]
 
 
@@ -105,8 +111,8 @@ def _is_sequence(kind: Any) -> bool:
 def called_with(signature: Signature, call: Callable[..., Any], /) -> Callable[..., Any]:
     """A function with this signature that calls `call(self, **options)`; texts are taken as paths, too."""
 
-    def method(*arguments: Any, **options: Any) -> Any:
-        bound = signature.bind(*arguments, **options)
+    def method(*given: Any, **options: Any) -> Any:
+        bound = signature.bind(*given, **options)
         bound.apply_defaults()
         (_, opened), *rest = bound.arguments.items()
         kinds = {p.name: p.annotation for p in signature.parameters.values()}

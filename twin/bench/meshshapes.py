@@ -6,6 +6,7 @@ import numpy as np
 
 from fe.mesh.elementshapes import Measure, quality
 from twin.model.structure import Structure
+from twin.table import DataTable
 from twin.targets import Array
 
 
@@ -40,10 +41,12 @@ def poor_shapes(structure: Structure) -> str:
 def shape_csv(structure: Structure) -> str:
     """One row an element: its number and every measure."""
     measures = quality(structure.case)
-    lines = [",".join(("element", *(m.name.replace(", ", " ").replace(" ", "_") for m in measures)))]
-    for e, number in enumerate(structure.elements.tolist()):
-        lines.append(",".join((str(number), *(f"{m.values[e]:.6g}" for m in measures))))
-    return "\n".join(lines) + "\n"
+    columns = ["element", *(m.name.replace(", ", " ").replace(" ", "_") for m in measures)]
+    rows = [
+        [number, *(float(m.values[e]) for m in measures)]
+        for e, number in enumerate(structure.elements.tolist())
+    ]
+    return DataTable(columns, rows).csv(digits=6)
 
 
 def places_asked(texts: Sequence[str]) -> list[Array]:

@@ -49,8 +49,7 @@ def _add(project: Project, say: Say, name: str) -> dict[str, Any]:
 def one_after_another(
     change: Callable[[Project, Say, str], dict[str, Any]], project: Project, say: Say, names: Sequence[str]
 ) -> dict[str, Any]:
-    """The result of the last of several changes of the model, each a fit of its own; of several, those of the
-    others as `before`."""
+    """Result of the last of several changes of the model, each a fit of its own; `before` has the others."""
     results = [change(Project.open(project.root, builtin=project.builtin), say, name) for name in names]
     return results[-1] | ({"before": results[:-1]} if len(results) > 1 else {})
 
@@ -58,12 +57,11 @@ def one_after_another(
 def _placed(
     bench: Workbench, chosen: tuple[Effect, ...], start: Start, say: Say
 ) -> tuple[tuple[Effect, ...], Start]:
-    """The effects, those of which it must be stated which (a marker and a time) where these data show them
-    most."""
+    """The effects, each marker and moment that its label leaves open set to where the data show it most."""
     model, out = bench.model(), []
     for e in chosen:
         if e.at(nominal(e, model.test), model.test) is not e:
-            e, own = begun(bench.judged_fit(model, newest_fit(bench.project), say), e)
-            start = {**own, **start}
+            e, first_guess = begun(bench.judged_fit(model, newest_fit(bench.project), say), e)
+            start = {**first_guess, **start}
         out.append(e)
     return tuple(out), start

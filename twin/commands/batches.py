@@ -1,7 +1,5 @@
 """The batches of a folder beside each other: a table, a chart, and whether the newest differs."""
 
-import csv
-import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +21,7 @@ from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.numerals import interval, short
 from twin.project.folder import Project
+from twin.table import DataTable
 
 if TYPE_CHECKING:
     from twin.drawing.driftchart import DriftCourse
@@ -33,7 +32,7 @@ PAGE, TABLE = "batches.html", "batches.csv"
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """A batch with what was found of it; `problem` says why it has no fit."""
+    """A batch with its fit; `problem` says why it has none."""
 
     name: str
     verdict: str
@@ -57,7 +56,7 @@ class Drift:
 
     @property
     def differs(self) -> bool:
-        """Whether the newest batch differs in it."""
+        """True if the newest batch differs in this quantity."""
         return self.p_value < LEVEL
 
     @property
@@ -82,25 +81,25 @@ def run_batches(
     """The batches below a folder as a table and a chart in batches.html and batches.csv of that folder, and
     the test of the newest one. Both files are made anew each time."""
     paths = batches_in(folder)
-    found = [batch_of(path, opened) for path in paths]
-    if not found:
+    batches = [batch_of(path, opened) for path in paths]
+    if not batches:
         raise ValueError(
             f"{folder}: no project below it; wanted a folder whose subfolders have a twin.toml"
         )
-    tested, untested = drifts(found)
-    fitted = [path for path, batch in zip(paths, found, strict=True) if not batch.problem]
+    tested, untested = drifts(batches)
+    fitted = [path for path, batch in zip(paths, batches, strict=True) if not batch.problem]
     apart = other_models(*map(opened, fitted[-2:])) if len(fitted) > 1 else ()
-    lines = [*apart, *sentences(found, tested), *untested]
-    files.write_text(folder / TABLE, _csv(found))
-    files.write_text(folder / PAGE, _page(folder.resolve().name, found, tested, lines))
-    for row in found:
+    lines = [*apart, *sentences(batches, tested), *untested]
+    files.write_text(folder / TABLE, _csv(batches))
+    files.write_text(folder / PAGE, _page(folder.resolve().name, batches, tested, lines))
+    for row in batches:
         say(f"{row.name}: {row.problem or _row(row)}")
     for line in lines:
         say(line)
     say(f"Wrote {folder / PAGE} and {folder / TABLE}, made anew from the fits that hold now.")
     return {
-        "stage": "batches", "folder": str(folder), "batches": [b.name for b in found],
-        "newest": found[-1].name, "differs": [d.name for d in tested if d.differs],
+        "stage": "batches", "folder": str(folder), "batches": [b.name for b in batches],
+        "newest": batches[-1].name, "differs": [d.name for d in tested if d.differs],
         "tests": [{"name": d.name, "p_value": d.p_value, "value": d.found.value, "expected": d.found.expected,
                    "low": d.found.low, "high": d.found.high, "between_sd": d.found.former.between_sd}
                   for d in tested],
@@ -109,7 +108,7 @@ def run_batches(
 
 
 def batch_of(folder: Path, opened: Opened = Project.open) -> Batch:
-    """What the newest runs of a project found; a project without a fit that holds says why."""
+    """The newest fit and verdict of a project; `problem` where it has no fit that holds."""
     try:
         project = opened(folder)
         record = files.read(FitRecord, fit_file(project))
@@ -147,7 +146,7 @@ def drifts(batches: list[Batch]) -> tuple[list[Drift], list[str]]:
 
 
 def sentences(batches: list[Batch], tested: list[Drift]) -> list[str]:
-    """What the tests say of the newest batch."""
+    """Sentences on the newest batch: its tests against the former ones."""
     newest = batches[-1]
     if newest.problem:
         return [f"{newest.name}, the newest by name, has no fit that holds: {newest.problem}."]
@@ -169,17 +168,15 @@ def _span(v: BatchValue) -> str:
 
 def _csv(batches: list[Batch]) -> str:
     """One row a batch and quantity, the ends of its 95 % interval empty where there is none."""
-    out = io.StringIO()
-    write = csv.writer(out, lineterminator="\n").writerow
-    write(["batch", "verdict", "effects", "quantity", "value", "low", "high", "unit", "note"])
+    columns = ("batch", "verdict", "effects", "quantity", "value", "low", "high", "unit", "note")
+    rows: list[list[Any]] = []
     for b in batches:
         if b.problem:
-            write([as_text(b.name), "", "", "", "", "", "", "", as_text(b.problem)])
+            rows.append([as_text(b.name), *[None] * 7, as_text(b.problem)])
         for v in b.values:
-            low, high = v.span or ("", "")
-            told = map(as_text, (b.name, b.verdict, " ".join(b.effects), v.name))
-            write([*told, repr(v.value), low, high, as_text(v.unit), as_text(v.note)])
-    return out.getvalue()
+            texts = map(as_text, (b.name, b.verdict, " ".join(b.effects), v.name))
+            rows.append([*texts, v.value, *(v.span or (None, None)), as_text(v.unit), as_text(v.note)])
+    return DataTable(columns, rows).csv(digits=None)
 
 
 # -- the page ------------------------------------------------------------------------------------------------
@@ -218,13 +215,13 @@ def _courses(batches: list[Batch], tested: list[Drift]) -> list["DriftCourse"]:
     test = {d.name: d for d in tested}
     courses = []
     for name in names:
-        own = [b.value(name) for b in batches]
-        spans = [(v.span if v is not None else None) or (math.nan, math.nan) for v in own]
+        values = [b.value(name) for b in batches]
+        spans = [(v.span if v is not None else None) or (math.nan, math.nan) for v in values]
         d = test.get(name)
         courses.append(
             DriftCourse(
-                name=name, unit=next(v.unit for v in own if v is not None),
-                values=np.array([math.nan if v is None else v.value for v in own]),
+                name=name, unit=next(v.unit for v in values if v is not None),
+                values=np.array([math.nan if v is None else v.value for v in values]),
                 low=np.array([s[0] for s in spans]), high=np.array([s[1] for s in spans]),
                 expected=None if d is None else (d.found.low, d.found.high), differs=bool(d and d.differs),
             )

@@ -63,12 +63,14 @@ def run_calibrate(
         tried = several_starts(on, best.best, starts, run, say) if starts else None
         bench, judged = on.least(best.best, say, *([tried.best] if tried else []))
         model, fit, tests = judged.model, judged.fit, bench.agreement(judged)
-        found = compared(run, fit.theta, Judgement.of(judged), bench, say)
-        words = identifiability_of(on.holding(fit, say), best.best, fit, doubt_of_tests(tests) or found.doubt)
+        comparison = compared(run, fit.theta, Judgement.of(judged), bench, say)
+        words = identifiability_of(
+            on.holding(fit, say), best.best, fit, doubt_of_tests(tests) or comparison.doubt
+        )
         beside = fitted_by(bench, fit, Judgement.of(judged)) | {"material_tests": tests}
         if tried is not None:
             beside |= {"starts": tried.rows, "said": (*beside["said"], tried.words)}
-        run.write(fit_record(fit, found, effects=(), identifiability=words,
+        run.write(fit_record(fit, comparison, effects=(), identifiability=words,
                              initial=on.initial(judged), **beside))  # fmt: skip
         write_curves(run, tests)
         run.summary["headline"] = words.split(". ")[0]
@@ -92,7 +94,7 @@ def run_calibrate(
         "stage": "calibrate",
         "run": run.name,
         "rms_mm": best.rms_mm,
-        "fit": files.plain(fit_record(fit, found, **beside)),
+        "fit": files.plain(fit_record(fit, comparison, **beside)),
         "identifiability": words,
     }
     if effects:
@@ -112,20 +114,20 @@ def _check_starts(project: Project, starts: int) -> None:
 def _former_values(
     project: Project, effects: tuple[str, ...], law: tuple[str, ...]
 ) -> dict[str, float]:
-    """What the newest fit with these effects gave for them, of this project or of the one that it is like;
-    nothing where there is none. law: the names of the base model's own."""
+    """Parameters of the effects by the newest fit with them, of this project or of its former batch; empty
+    without such a fit. law: names of the constants of the base model."""
     try:
         former = former_of(project)
     except ValueError:  # it is gone: a fit begins elsewhere
         former = None
-    for one in filter(None, (project, former) if effects else ()):
-        if (fit := former_fit(one, effects)) is not None:
+    for candidate in filter(None, (project, former) if effects else ()):
+        if (fit := former_fit(candidate, effects)) is not None:
             return {name: row.value for name, row in fit.parameters.items() if name not in law}
     return {}
 
 
 def _ended(fit: Fit) -> str:
-    """How the least squares ended, in words."""
+    """A sentence on the end of the least squares."""
     if fit.converged:
         return f"Least squares converged after {fit.evaluations} evaluations."
     return f"Least squares did not converge in {fit.evaluations} evaluations: {fit.reason}."
@@ -147,53 +149,55 @@ def _scaled(on: OnPaths, run: Run, say: Say) -> Generation:
         "Least squares with whole solves finds them, without a genetic algorithm.")  # fmt: skip
     x, costs = on.over_scales(on.bench.elasticity.initial.shape)
     k = int(costs.argmin())
-    found = Generation(1, x[k], float(costs[k]), x, costs)
-    _written(on, [found], run, say)
-    return found
+    generation = Generation(1, x[k], float(costs[k]), x, costs)
+    _written(on, [generation], run, say)
+    return generation
 
 
 def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
     """The last generation of the genetic algorithm; all candidates and generations are written into the
     run."""
     settings, parameters = on.bench.project.config.calibrate, on.bench.elasticity.parameters
-    found = search(
+    generations = search(
         parameters, _logged(on, run, say), run, seed=settings.seed, size=settings.population,
         generations=settings.generations, tell=say.progress, ahead=on.ahead,
     )  # fmt: skip
-    candidates = _written(on, found, run, say)
-    say(f"Genetic algorithm: the best of {candidates} candidates has {found[-1].rms_mm:.3f} mm RMS.")
-    return found[-1]
+    candidates = _written(on, generations, run, say)
+    say(f"Genetic algorithm: the best of {candidates} candidates has {generations[-1].rms_mm:.3f} mm RMS.")
+    return generations[-1]
 
 
-def _written(on: OnPaths, found: list[Generation], run: Run, say: Say) -> int:
-    """How many candidates a search had, all of which are written into the run."""
-    if not np.isfinite(found[-1].rms_mm):
+def _written(on: OnPaths, generations: list[Generation], run: Run, say: Say) -> int:
+    """Number of candidates of a search; all of them are written into the run."""
+    if not np.isfinite(generations[-1].rms_mm):
         raise ValueError(
             "no candidate of the genetic algorithm has an equilibrium; widen [calibrate] bounds, or correct "
             "the unit of the pressure log (top_kPa under [pressure] tells a wrong one)"
         )
-    full_solves(on, found, say).save(run.path("generations.npz"))
-    candidates = np.concatenate([g.candidates for g in found])
-    run.write_npz("candidates.npz", {"x": candidates, "rms_mm": np.concatenate([g.costs for g in found])})
+    full_solves(on, generations, say).save(run.path("generations.npz"))
+    candidates = np.concatenate([g.candidates for g in generations])
+    run.write_npz(
+        "candidates.npz", {"x": candidates, "rms_mm": np.concatenate([g.costs for g in generations])}
+    )
     return len(candidates)
 
 
 def _logged(on: OnPaths, run: Run, say: Say) -> Callable[[dict[str, float]], float]:
     """The cost of a candidate. Of a job its end is told, and why it failed, where it did, goes into the run's
     log."""
-    jobs, own, done = on.bench.jobs, on.bench.project.config.calibrate, count(1)
+    jobs, settings, done = on.bench.jobs, on.bench.project.config.calibrate, count(1)
     if jobs is None:
         return on.cost
-    name, total = jobs.engine.name, evaluations(own.population, own.generations)
+    name, total = jobs.engine.name, evaluations(settings.population, settings.generations)
     say(f"{jobs.release} solves the model: {total} jobs for the genetic algorithm, less those already done.")
 
     def cost(values: dict[str, float]) -> float:
         before = len(jobs.failed)
-        found = on.cost(values)
+        rms_mm = on.cost(values)
         say.progress(f"jobs of {name}", min(next(done), total), total)
         for reason in jobs.failed[before:]:
             run.append({"event": "failed job", "values": values, "reason": reason})
-        return found
+        return rms_mm
 
     return cost
 

@@ -19,6 +19,7 @@ from twin.model.discretisation import Discretisation
 from twin.project.folder import Project, Run
 from twin.records import Record
 from twin.study.lawchoice import LawFit, bench_of, classes, fitted, starts_of
+from twin.table import DataTable
 from twin.tablemodel import Finite
 from twin.targets import Array
 
@@ -54,7 +55,7 @@ class LawRow(Record):
 
 
 class LawsRecord(Record):
-    """Laws of the silicone, fitted to the same targets without effects."""
+    """Laws of the silicone, fitted to one set of targets without effects."""
 
     file: ClassVar[str] = "laws.json"
     laws: tuple[LawRow, ...] = Field(description="a row a law, that with the most evidence first")
@@ -66,16 +67,16 @@ def run_laws(project: Project, say: Say, *, laws: str) -> dict[str, Any]:
     """laws.json: the named laws, or all, fitted to the targets and compared. ValueError for a name that there
     is not, and where none can be fitted."""
     check_embedded(project, "twin calibrate --laws")
-    wanted = asked(laws)
+    chosen = asked(laws)
     bench = Workbench.of(project)
     if effects := project.config.model.effects:
         say(f"Laws are compared without the effects of twin.toml ({', '.join(effects)}).")
-    extra = {"laws": [law.name for law in wanted]}
+    extra = {"laws": [law.name for law in chosen]}
     with project.new_run("laws", seed=project.config.calibrate.seed, extra=extra) as run:
-        found, unsolved = _fits(bench, wanted, run, say)
-        if not found:
+        rows, unsolved = _fits(bench, chosen, run, say)
+        if not rows:
             raise ValueError(f"no law can be fitted: {'; '.join(unsolved.values())}")
-        record = LawsRecord(laws=found, unsolved=unsolved, sentence=sentence_of(found))
+        record = LawsRecord(laws=rows, unsolved=unsolved, sentence=sentence_of(rows))
         run.write(record)
         run.summary["headline"] = record.sentence
     for line in (*table(record.laws), *(f"{name}: {why}." for name, why in unsolved.items())):
@@ -90,40 +91,44 @@ def run_laws(project: Project, say: Say, *, laws: str) -> dict[str, Any]:
 
 
 def asked(text: str) -> tuple[RubberLaw, ...]:
-    """The laws that a text names between commas, or all. ValueError for one that there is not."""
+    """The laws that a text names between commas, or all. ValueError for an unknown name.
+
+    >>> [law.name for law in asked("yeoh,gent")]
+    ['yeoh', 'gent']
+    """
     if text.strip() == ALL:
         return tuple(LAWS.values())
     return tuple(named_law(name.strip()) for name in dict.fromkeys(text.split(",")))
 
 
 def _fits(
-    bench: Workbench, wanted: Sequence[RubberLaw], run: Run, say: Say
+    bench: Workbench, chosen: Sequence[RubberLaw], run: Run, say: Say
 ) -> tuple[tuple[LawRow, ...], dict[str, str]]:
     """A row a law, and why others have none. Where a killed run had ended a law, its fit begins there and is
     judged anew, which costs two solves."""
     ends = {line["law"]: line["values"] for line in run.log() if "law" in line}
     seed, fits, unsolved = bench.project.config.calibrate.seed, list[LawFit](), dict[str, str]()
     mesh: Discretisation | None = None
-    for k, law in enumerate(wanted):
-        say.progress("laws", k, len(wanted))
-        own = bench_of(bench, law)
+    for k, law in enumerate(chosen):
+        say.progress("laws", k, len(chosen))
+        law_bench = bench_of(bench, law)
         try:
-            starts = _starts(own, ends.get(law.name), say)
+            starts = _starts(law_bench, ends.get(law.name), say)
             if mesh is None and bench.targets.noise is not None:
-                first = starts if own is bench else starts_of(bench, say)
-                mesh = bench.mesh(first[0], bench.model(()), say)
-            fits.append(fitted(own, starts, mesh, seed=seed))
+                initial = starts if law_bench is bench else starts_of(bench, say)
+                mesh = bench.mesh(initial[0], bench.model(()), say)
+            fits.append(fitted(law_bench, starts, mesh, seed=seed))
         except (Unsolvable, ValueError) as why:
             unsolved[law.name] = str(why)
             continue
         if law.name not in ends:
             run.append({"law": law.name, "values": fits[-1].judged.values})
-    say.progress("laws", len(wanted), len(wanted))
+    say.progress("laws", len(chosen), len(chosen))
     return rows_of(fits), unsolved
 
 
 def _starts(bench: Workbench, ended: dict[str, float] | None, say: Say) -> Array:
-    """Where (m, d) a law's fit begins: where it ended before, else at the scales that fit best."""
+    """Starts (m, d) of a law's fit: its former end, else the scales that fit best."""
     if ended is None:
         return starts_of(bench, say)
     return np.array([[ended[p.name] for p in bench.elasticity.parameters]])
@@ -131,7 +136,7 @@ def _starts(bench: Workbench, ended: dict[str, float] | None, say: Say) -> Array
 
 def rows_of(fits: Sequence[LawFit]) -> tuple[LawRow, ...]:
     """A row a law, that with the most evidence first."""
-    groups = {f.law.name: k for k, own in enumerate(classes(fits), 1) for f in own}
+    groups = {f.law.name: k for k, members in enumerate(classes(fits), 1) for f in members}
     if not fits:
         return ()
     every = sorted(fits, key=lambda f: f.evidence)
@@ -139,8 +144,8 @@ def rows_of(fits: Sequence[LawFit]) -> tuple[LawRow, ...]:
 
 
 def _row(f: LawFit, best: LawFit, group: int) -> LawRow:
-    fit, found = f.judged.fit, f.judged.comparison
-    known = {
+    fit, comparison = f.judged.fit, f.judged.comparison
+    sds = {
         p.name: float(sd) if np.isfinite(sd) and p.name not in fit.at_bound else None
         for p, sd in zip(fit.parameters, fit.sd, strict=True)
     }
@@ -148,43 +153,42 @@ def _row(f: LawFit, best: LawFit, group: int) -> LawRow:
     return LawRow(
         name=f.law.name, title=f.law.title,
         parameters={
-            n: LawValue(value=v, sd=known.get(n), unit=units[n]) for n, v in f.constants.named.items()
+            n: LawValue(value=v, sd=sds.get(n), unit=units[n]) for n, v in f.constants.named.items()
         },
-        at_bound=fit.at_bound, rms_mm=found.raw_rms_mm, chi2=found.chi2,
-        degrees_of_freedom=found.degrees_of_freedom, p_value=found.p_value,
-        adequate=bool(found.p_value > ADEQUATE), evidence=best.evidence - f.evidence, bic=f.bic - best.bic,
-        stretch=f.stretch, stable_to=f.stable_to, mode=f.mode, group=group,
+        at_bound=fit.at_bound, rms_mm=comparison.raw_rms_mm, chi2=comparison.chi2,
+        degrees_of_freedom=comparison.degrees_of_freedom, p_value=comparison.p_value,
+        adequate=bool(comparison.p_value > ADEQUATE), evidence=best.evidence - f.evidence,
+        bic=f.bic - best.bic, stretch=f.stretch, stable_to=f.stable_to, mode=f.mode, group=group,
     )  # fmt: skip
 
 
 def sentence_of(rows: Sequence[LawRow]) -> str:
-    """What the targets say of laws: which cannot be told apart, and whether any fits."""
-    first = [row.name for row in rows if row.group == 1]
-    if len(first) > 1:
-        said = f"{listed(first)} cannot be told apart by these targets."
+    """A sentence on the laws: the best, those that the targets cannot tell apart, and whether any fits."""
+    best = [row.name for row in rows if row.group == 1]
+    if len(best) > 1:
+        text = f"{listed(best)} cannot be told apart by these targets."
     else:
-        said = f"{first[0]} fits these targets best."
+        text = f"{best[0]} fits these targets best."
     if others := [row.name for row in rows if row.group > 1]:
-        said += f" Less likely: {', '.join(others)}."
+        text += f" Less likely: {', '.join(others)}."
     if not any(row.adequate for row in rows):
-        said += (
+        text += (
             " None fits within the noise, so that this order says little: another effect is missing, which "
             "`twin diagnose` looks for."
         )
-    return said
+    return text
 
 
 def table(rows: Sequence[LawRow]) -> list[str]:
     """A line a law: its class, RMS, chi2, 2 ln B, BIC, constants and stability."""
-    cells = [("", "class", "rms, mm", "chi2 / dof", "2 ln B", "BIC", "stable", "constants")]
+    head, cells = ("", "class", "rms, mm", "chi2 / dof", "2 ln B", "BIC", "stable", "constants"), []
     for row in rows:
         stable = f"to {row.stable_to:.2f}" if row.mode else "yes"
         chi2 = f"{row.chi2:.4g} / {row.degrees_of_freedom}"
-        own = ", ".join(f"{n} {_told(v)}" for n, v in row.parameters.items())
+        constants = ", ".join(f"{n} {_told(v)}" for n, v in row.parameters.items())
         cells.append((row.name, str(row.group), f"{row.rms_mm:.3g}", chi2, f"{row.evidence:.1f}",
-                      f"{row.bic:+.1f}", stable, own))  # fmt: skip
-    wide = [max(len(line[k]) for line in cells) for k in range(len(cells[0]))]
-    return ["  ".join(f"{cell:<{w}}" for cell, w in zip(line, wide, strict=True)).rstrip() for line in cells]
+                      f"{row.bic:+.1f}", stable, constants))  # fmt: skip
+    return DataTable(head, cells).lines()
 
 
 def _told(v: LawValue) -> str:

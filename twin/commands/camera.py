@@ -39,10 +39,10 @@ def run_camera(project: Project, say: Say) -> dict[str, Any]:
         return _run_rig(project, say, how)
     with project.new_run("camera", **how) as run:
         camera = read_lens(project, table) if table.camera_file else calibrated(project, table)
-        given = 0 if table.camera_file else len(board_images(project, table))
+        image_count = 0 if table.camera_file else len(board_images(project, table))
         run.write(CameraRecord(**camera.to_dict()))
         run.summary.update(
-            rms_px=camera.rms_px, images=camera.images, given=given, model=" ".join(camera.model),
+            rms_px=camera.rms_px, images=camera.images, given=image_count, model=" ".join(camera.model),
             sd=dict(zip(PARAMETERS, camera.stdevs.tolist(), strict=True)), remarks=list(camera.remarks),
             notes=list(camera.notes),
         )  # fmt: skip
@@ -53,7 +53,7 @@ def run_camera(project: Project, say: Say) -> dict[str, Any]:
         say(sentence)
     source = table.camera_file or (
         f"{camera.images} frames of {table.boards}" if is_film(project, table)
-        else f"{camera.images} of {given} board images"
+        else f"{camera.images} of {image_count} board images"
     )  # fmt: skip
     say(f"Calibrated from {source}. Reprojection RMS {camera.rms_px:.3f} px, accepted up to "
         f"{table.max_rms_px:g} px. Wrote {project.shown(run.path('camera.json'))}.")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Whether a project is complete and right, and what to run next."""
+"""Check that a project is complete and right, and name the next command."""
 
 import shlex
 from collections.abc import Iterator
@@ -46,9 +46,9 @@ def check_project(project: Project, say: Say) -> None:
             say(line)
     _check_effects(project)
     _check_engine(project, say)
-    kept = camera_kept(project)
-    if kept:
-        say(kept)
+    camera_remark = camera_kept(project)
+    if camera_remark:
+        say(camera_remark)
     _check_recorded(project, say)
     if project.targets_folder.is_dir():
         targets = project.targets()
@@ -91,7 +91,7 @@ def _check_recorded(project: Project, say: Say) -> None:
 
 
 def _said_of(film: OneFilm) -> str:
-    """What twin.toml says of one of several films."""
+    """Gravity and role of a film of several, as twin.toml states them."""
     turned = "" if film.table.gravity is None else f" Gravity: {list(film.table.gravity)}."
     return turned + (" It is held out: predicted, never fitted." if film.table.held_out else "")
 
@@ -108,8 +108,8 @@ def _check_one(project: Project, say: Say, *, before: str = "", after: str = "")
 
 
 def _log_line(project: Project) -> tuple[Log, str, tuple[str, ...]]:
-    """The pressure log of the project's one film, what was read of it and what is odd in it; ValueError where
-    it is not right, or shorter than the film."""
+    """The pressure log of a film, a sentence on its contents, and remarks on it; ValueError where it is not
+    right, or shorter than the film."""
     from twin.gauge.pressurelog import check_lasts
     from twin.inputs.recordings import gauge_of, log_of, pressure_table, said_of_log
     from vision.film.series import open_film
@@ -162,7 +162,7 @@ def check_finger(project: Project, say: Say) -> None:
 
 
 def _check_effects(project: Project) -> None:
-    """Raise ValueError where an effect that twin.toml names is unknown, or one of its own files not right."""
+    """Raise ValueError where an effect that twin.toml names is unknown, or its file not right."""
     labels, sought = project.config.model.effects, project.config.diagnose.candidates
     if not labels and not sought and not project.config.model.effect_files:
         return
@@ -170,17 +170,17 @@ def _check_effects(project: Project) -> None:
     from twin.contract.promises import check_effect
     from twin.effects.library import effect, effects_of
 
-    own = own_of(project)
+    project_effects = own_of(project)
     for label in labels:
-        effect(label, users=own)
+        effect(label, users=project_effects)
     for text in sought:
-        effects_of(text, users=own)
-    for sentence in (s for e in own for s in check_effect(e, solves=False)):
+        effects_of(text, users=project_effects)
+    for sentence in (s for e in project_effects for s in check_effect(e, solves=False)):
         raise ValueError(sentence)
 
 
 def _missing_files(project: Project) -> list[str]:
-    """What twin.toml names and is not there; a film is not asked for once its targets are there."""
+    """Files that twin.toml names and that are missing; no film is asked for once its targets are there."""
     deck = project.config.model.deck
     if deck is not None and (gone := _no_file(project, deck, "model.deck")):
         return gone
@@ -189,9 +189,9 @@ def _missing_files(project: Project) -> list[str]:
         return gone
     if project.targets_folder.is_dir():
         return []
-    if (stated := project.config.imported) is not None:
-        told = {"file": stated.file, "log": stated.log}
-        return [f"{path} (import.{key})" for key, path in told.items()
+    if (imported := project.config.imported) is not None:
+        import_files = {"file": imported.file, "log": imported.log}
+        return [f"{path} (import.{key})" for key, path in import_files.items()
                 if path is not None and not project.path(path).exists()]  # fmt: skip
     if not project.config.cameras or project.config.pressure is None:
         return ["targets/targets.csv (there is no [[cameras]] to measure them with)"]
@@ -203,8 +203,8 @@ def _missing_files(project: Project) -> list[str]:
         key = "camera_file" if camera.camera_file else "boards"
         missing += [] if any(project.root.glob(calibration)) else [f"{calibration} (cameras.{key})"]
     for film in project.config.films[1:]:  # the first is that of the camera
-        own = {"file": film.file, "static": film.static, "pressure": film.pressure}
-        missing += [f"{path} (films.{film.name}.{key})" for key, path in own.items()
+        film_files = {"file": film.file, "static": film.static, "pressure": film.pressure}
+        missing += [f"{path} (films.{film.name}.{key})" for key, path in film_files.items()
                     if path is not None and not any(project.root.glob(path))]  # fmt: skip
     mended = project.config.measure.corrections
     if mended is not None:
@@ -215,16 +215,16 @@ def _missing_files(project: Project) -> list[str]:
 
 
 def _no_file(project: Project, path: str, key: str) -> list[str]:
-    """What is missing where a key of twin.toml names no file."""
+    """A remark for the key of a missing file; empty where the file exists."""
     full = project.path(path)
     what = f"{key}: it is a folder, wanted a file" if full.is_dir() else key
     return [] if full.is_file() else [f"{path} ({what})"]
 
 
 def _check_points(project: Project, targets: Targets) -> None:
-    """Raise ValueError where twin.toml and the targets do not name the same points."""
-    stated = [point.name for point in project.config.points]
-    unknown = [p.name for p in targets.points if p.kind is PointKind.UNKNOWN and p.name not in stated]
+    """Raise ValueError where twin.toml and the targets name different points."""
+    point_names = [point.name for point in project.config.points]
+    unknown = [p.name for p in targets.points if p.kind is PointKind.UNKNOWN and p.name not in point_names]
     if unknown:
         raise ValueError(
             f"targets point {unknown[0]!r} has no place on the finger: add it to [[points]] in twin.toml "
@@ -249,10 +249,10 @@ def _check_motion(project: Project, targets: Targets, say: Say) -> None:
 
 
 def _placed(project: Project, targets: Targets) -> Iterator[TargetPoint]:
-    """The points of the targets, those of no place with the one that twin.toml states."""
-    stated = {point.name: point.position_mm for point in project.config.points}
+    """Points of the targets; where these have no place, it comes from twin.toml."""
+    positions = {point.name: point.position_mm for point in project.config.points}
     for point in targets.points:
-        position = stated.get(point.name)
+        position = positions.get(point.name)
         if point.kind is PointKind.UNKNOWN and position is not None:
             yield replace(point, kind=PointKind.PLACE, position=position)
         else:

@@ -36,23 +36,28 @@ def run_compare(
     bench, file, fit = Workbench.of(project), fit_file(project), newest_fit(project)
     model = bench.model()  # names what cannot be, before any work is done for it
     with project.new_run("compare") as run:
-        made = kept(file, fit, bench.targets) or Judgement.of(bench.judged_fit(model, fit, say))
-        found = made.comparison
+        judgement = kept(file, fit, bench.targets) or Judgement.of(bench.judged_fit(model, fit, say))
+        comparison = judgement.comparison
         beside = file.with_name(ComparisonRecord.file)
         held = files.read(ComparisonRecord, beside).held_out if beside.is_file() else ()
-        write_comparison(run, made.predicted, found, held)
-        for line in (*bench.remarks, model.extent, *_lines(found)):
+        write_comparison(run, judgement.predicted, comparison, held)
+        for line in (*bench.remarks, model.extent, *_lines(comparison)):
             run.note(line)
-    say(found.where)
-    if made.crossed:
-        say(f"{made.crossed}. Set self_contact = true in [model] of twin.toml: then they push on each other.")
+    say(comparison.where)
+    if judgement.crossed:
+        say(
+            f"{judgement.crossed}. Set self_contact = true in [model] of twin.toml: then they push on each "
+            "other."
+        )
     say(f"Wrote {project.shown(run.folder)}/comparison.json, with tables by marker, pressure and direction.")
-    return {"stage": "compare", "run": run.name} | files.plain(found.record())
+    return {"stage": "compare", "run": run.name} | files.plain(comparison.record())
 
 
-def _lines(found: Comparison) -> list[str]:
+def _lines(comparison: Comparison) -> list[str]:
     """The root mean square in mm by marker, direction, pressure and branch, a line each."""
-    return [f"rms in mm by {kind}: {', '.join(map(_measured, rows))}" for kind, rows in found.maps.items()]
+    return [
+        f"rms in mm by {kind}: {', '.join(map(_measured, rows))}" for kind, rows in comparison.maps.items()
+    ]
 
 
 def _measured(row: MapRow) -> str:

@@ -30,11 +30,11 @@ def run_side_by_side(two: Sequence[Path], say: Say, *, opened: Opened = Project.
     a, b = (side_of(path, opened) for path in two)
     changes = changes_of(a.values, b.values)
     effects = other_effects(a.project, a.record, b.project, b.record)
-    said = [*other_models(a.project, b.project), *(c.words for c in changes), *effects]
+    sentences = [*other_models(a.project, b.project), *(c.words for c in changes), *effects]
     page = Path(f"compare-{_plain(a.name)}-{_plain(b.name)}.html")
     replaced = " in place of the former one" if page.exists() else ""
-    files.write_text(page, _page(a, b, changes, said))
-    for line in (f"{a.name} is before, {b.name} is now.", *said):
+    files.write_text(page, _page(a, b, changes, sentences))
+    for line in (f"{a.name} is before, {b.name} is now.", *sentences):
         say(line)
     merged = write_side_by_side(page.with_suffix(".rrd"), (a, b))
     if merged is None:
@@ -51,7 +51,7 @@ def run_side_by_side(two: Sequence[Path], say: Say, *, opened: Opened = Project.
 
 
 def side_of(path: Path, opened: Opened = Project.open) -> Laid:
-    """What is known of a project's newest fit, or of the fit in a run folder. ValueError without one."""
+    """The newest fit of a project, or the fit of a run folder, for the page. ValueError without one."""
     folder = path.resolve()
     if (folder / "twin.toml").is_file() and not (folder / "run.json").is_file():
         project = opened(folder)
@@ -72,25 +72,26 @@ def side_of(path: Path, opened: Opened = Project.open) -> Laid:
     )  # fmt: skip
 
 
-def _page(a: Laid, b: Laid, changes: Sequence[BatchChange], said: Sequence[str]) -> str:
-    known = [c.name for c in changes if c.known]
-    headline = f"{b.name} beside {a.name}: " + (f"{' and '.join(known)} differ{'s' * (len(known) == 1)}"
-                                                if known else "no difference is proven")  # fmt: skip
+def _page(a: Laid, b: Laid, changes: Sequence[BatchChange], sentences: Sequence[str]) -> str:
+    different = [c.name for c in changes if c.known]
+    verb = "differs" if len(different) == 1 else "differ"
+    finding = f"{' and '.join(different)} {verb}" if different else "no difference is proven"
+    headline = f"{b.name} beside {a.name}: {finding}"
     return table_page(
-        f"{a.name} and {b.name}", headline=headline + ".", sentences=said,
-        tables=[_constants(a, b, set(known)), _fits(a, b), _maps(a, b, "marker"), _maps(a, b, "branch")],
+        f"{a.name} and {b.name}", headline=headline + ".", sentences=sentences,
+        tables=[_constants(a, b, set(different)), _fits(a, b), _maps(a, b, "marker"), _maps(a, b, "branch")],
         pictures=[row for name, what in SHOWN.items() for row in _pictures(a, b, name, what)],
     )  # fmt: skip
 
 
 def _constants(a: Laid, b: Laid, changed: set[str]) -> dict[str, Any]:
     """Every quantity of either, its value and interval on both sides."""
-    own: list[dict[str, BatchValue]] = [{v.name: v for v in side.values} for side in (a, b)]
+    by_name: list[dict[str, BatchValue]] = [{v.name: v for v in side.values} for side in (a, b)]
     rows = []
-    for name in dict.fromkeys([*own[0], *own[1]]):
-        found = [side.get(name) for side in own]
-        unit = next(v.unit for v in found if v is not None)
-        rows.append({"cells": [name, *(_cell(v) for v in found), unit], "named": name in changed})
+    for name in dict.fromkeys([*by_name[0], *by_name[1]]):
+        values = [side.get(name) for side in by_name]
+        unit = next(v.unit for v in values if v is not None)
+        rows.append({"cells": [name, *(_cell(v) for v in values), unit], "named": name in changed})
     note = "In brackets the 95 % interval. A dash: not in this model."
     head = ["", a.name, b.name, "unit"]
     return {"title": "Constants and effects", "head": head, "rows": rows, "note": note}
@@ -104,7 +105,7 @@ def _cell(v: BatchValue | None) -> str:
 
 
 def _fits(a: Laid, b: Laid) -> dict[str, Any]:
-    """How well either model fits."""
+    """Table of verdict, effects and error of both models."""
     both = (a, b)
     rows: list[list[str]] = [
         ["verdict", *(s.verdict for s in both)],
@@ -122,17 +123,17 @@ def _fits(a: Laid, b: Laid) -> dict[str, Any]:
 def _maps(a: Laid, b: Laid, kind: str) -> dict[str, Any]:
     """The error by marker or branch on both sides."""
     maps = [s.comparison.maps if s.comparison else {} for s in (a, b)]
-    own = [{row.name: row.rms_mm for row in every.get(kind, ())} for every in maps]
-    names = list(dict.fromkeys([*own[0], *own[1]]))
-    rows = [{"cells": [name, *(short(side.get(name)) for side in own)]} for name in names]
+    errors = [{row.name: row.rms_mm for row in every.get(kind, ())} for every in maps]
+    names = list(dict.fromkeys([*errors[0], *errors[1]]))
+    rows = [{"cells": [name, *(short(side.get(name)) for side in errors)]} for name in names]
     title = f"Error by {kind} without shared errors, RMS mm"
     return {"title": title, "head": ["", a.name, b.name], "rows": rows}
 
 
 def _pictures(a: Laid, b: Laid, file: str, what: str) -> list[Picture]:
     """A picture of both, beside each other."""
-    found = [(s.name, s.project.newest(None, file)) for s in (a, b)]
-    return [Picture(title=f"{name}:", caption=what, half=True, png=path) for name, path in found if path]
+    paths = [(s.name, s.project.newest(None, file)) for s in (a, b)]
+    return [Picture(title=f"{name}:", caption=what, half=True, png=path) for name, path in paths if path]
 
 
 def _plain(name: str) -> str:

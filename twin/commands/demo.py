@@ -51,12 +51,12 @@ def copy_demo(folder: Path, say: Say, *, name: str = FULL) -> Project:
     begun = folder / "demo.json"
     if begun.is_file():
         there = files.read_json(begun)
-        other = there.get("data", name)
-        if other != name:
-            way = "add" if other == QUICK else "leave out"
+        data = there.get("data", name)
+        if data != name:
+            remedy = "add" if data == QUICK else "leave out"
             raise ValueError(
-                f"{folder} is begun with datasets/{other}, wanted datasets/{name}: name another folder, or "
-                f"{way} --quick to go on there"
+                f"{folder} is begun with datasets/{data}, wanted datasets/{name}: name another folder, or "
+                f"{remedy} --quick to go on there"
             )
         if there != stamp:
             raise ValueError(f"{folder} is a demo of another version of the data; name another folder")
@@ -89,10 +89,10 @@ def _once(project: Project, stage: Stage, say: Say) -> dict[str, Any]:
 
 def _show(project: Project, folder: Path, say: Say) -> dict[str, Any]:
     """Say where the report and the recording are, and how to open them."""
-    shown = {}
+    paths = {}
     for name, how in (("report.html", "open {} in a browser"), ("review.rrd", "rerun {}")):
         path = project.newest(None, name)
         if path is not None:
-            shown[name] = str(folder / project.shown(path))
-            say(f"{name}: {how.format(shown[name])}")
-    return shown
+            paths[name] = str(folder / project.shown(path))
+            say(f"{name}: {how.format(paths[name])}")
+    return paths

@@ -32,18 +32,18 @@ TOP = 3  # effects of the ranking that are said; all stand in diagnosis.json
 
 
 def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
-    """Which effect of the library the data ask for, and what they cannot tell."""
+    """Verdict: the effect of the library that the data ask for, and effects that they cannot tell apart."""
     check_embedded(project, "twin diagnose")
     check_least_squares(project, "twin diagnose")
-    whole, fit = Workbench.of(project), newest_fit(project)
-    bench, start = whole.of_film, fit if not (whole.tests or whole.targets.known) else fit.theta
-    if whole.targets.known:
+    all_data, fit = Workbench.of(project), newest_fit(project)
+    bench, start = all_data.of_film, fit if not (all_data.tests or all_data.targets.known) else fit.theta
+    if all_data.targets.known:
         say("The diagnosis asks these data alone: it fits without the priors of twin.toml.")
         bench = replace(bench, targets=bench.targets.alone)
     seed = project.config.diagnose.seed
     with project.new_run("diagnose", seed=seed) as run:
         model = bench.on_mesh(bench.model(), fit.theta, say)
-        found = diagnose(
+        diagnosis = diagnose(
             model,
             _candidates(project),
             bench.targets,
@@ -51,27 +51,27 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             start=start,
             progress=say.progress,
         )
-        settled = _settled(bench, found)
-        found, held = settled.diagnosis, _held_out(bench, settled)
-        record = DiagnosisRecord.of(found, held)
+        settled = _settled(bench, diagnosis)
+        diagnosis, held = settled.diagnosis, _held_out(bench, settled)
+        record = DiagnosisRecord.of(diagnosis, held)
         _write(run, bench, settled, record)
         if settled.explanation is not None:
             run.write(settled.explanation.record)
             run.write_npz("evidence.npz", settled.explanation.maps)
-        for line in (model.extent, *map(_row, found.ranking)):
+        for line in (model.extent, *map(_row, diagnosis.ranking)):
             run.note(line)
-    say(f"Verdict: {found.verdict}")
-    say(found.sentence)
-    if whole.tests:
+    say(f"Verdict: {diagnosis.verdict}")
+    say(diagnosis.sentence)
+    if all_data.tests:
         say(BY_FILM)
     if bench.targets.noise is None:
         say("The calibration holds without it: `twin study` shows what these targets fix and leave open.")
-    if found.ranking:
-        say(f"Ranking: {', '.join(map(_score, found.ranking[:TOP]))}.")
+    if diagnosis.ranking:
+        say(f"Ranking: {', '.join(map(_score, diagnosis.ranking[:TOP]))}.")
     for row in held:
         say(_foretold(row))
-    if found.next_test:
-        say(f"Next test: {found.next_test}.")
+    if diagnosis.next_test:
+        say(f"Next test: {diagnosis.next_test}.")
     say(f"Wrote {project.shown(run.folder)}/diagnosis.json")
     return {"stage": "diagnose", "run": run.name} | files.plain(record)
 
@@ -103,41 +103,41 @@ def _foretold(row: ForetoldFilm) -> str:
 
 
 def _candidates(project: Project) -> tuple[Effect, ...]:
-    """The effects that twin.toml names, or the whole library; those of the project's own files always."""
-    own, law = own_of(project), law_of_project(project)
-    groups = [effects_of(text, users=own, law=law) for text in project.config.diagnose.candidates]
-    named = [e for some in groups for g in some for e in g] or all_effects(law)
-    return (*named, *(e for e in own if e.name not in [n.name for n in named]))
+    """Effects to be tested: the candidates of twin.toml or the whole library, and the project's own files."""
+    project_effects, law = own_of(project), law_of_project(project)
+    groups = [effects_of(text, users=project_effects, law=law) for text in project.config.diagnose.candidates]
+    named = [e for candidate in groups for g in candidate for e in g] or all_effects(law)
+    return (*named, *(e for e in project_effects if e.name not in [n.name for n in named]))
 
 
-def _settled(bench: Workbench, found: Diagnosis) -> Settled:
+def _settled(bench: Workbench, diagnosis: Diagnosis) -> Settled:
     """The diagnosis with the evidence for what it names."""
-    if not isinstance(found.kept, Judged) or found.base is None:
-        return Settled(found)
-    labels = [e.label for e in found.effects]
-    own = [c.members for c in found.classes if name_of(c.effect) in found.named]
+    if not isinstance(diagnosis.kept, Judged) or diagnosis.base is None:
+        return Settled(diagnosis)
+    labels = [e.label for e in diagnosis.effects]
+    members_of = [c.members for c in diagnosis.classes if name_of(c.effect) in diagnosis.named]
     explanation = explained(
-        found.effects,
-        before=found.base,
-        after=found.kept,
+        diagnosis.effects,
+        before=diagnosis.base,
+        after=diagnosis.kept,
         targets=bench.targets,
-        evidence=found.tied[0].evidence,
-        mimics=[pair for members in own for pair in members.items() if pair[0] not in labels],
+        evidence=diagnosis.tied[0].evidence,
+        mimics=[pair for members in members_of for pair in members.items() if pair[0] not in labels],
     )
-    return Settled(replace(found, evidence=explanation.record), found.kept, explanation)
+    return Settled(replace(diagnosis, evidence=explanation.record), diagnosis.kept, explanation)
 
 
 def _write(run: Run, bench: Workbench, settled: Settled, record: DiagnosisRecord) -> None:
     """Write diagnosis.json, the base model's prediction.npz and, of the kept effects, what `twin add` takes
     over."""
-    found = settled.diagnosis
+    diagnosis = settled.diagnosis
     run.write(record)
-    run.summary["headline"] = found.verdict
-    if found.base is not None:
-        write_prediction(run, found.base.predicted, found.base.comparison)
+    run.summary["headline"] = diagnosis.verdict
+    if diagnosis.base is not None:
+        write_prediction(run, diagnosis.base.predicted, diagnosis.base.comparison)
     if settled.judged is not None:
-        effects = [*bench.project.config.model.effects, *(e.label for e in found.effects)]
-        Change.of(bench, settled.judged).keep(run, effects=effects, start=found.start)
+        effects = [*bench.project.config.model.effects, *(e.label for e in diagnosis.effects)]
+        Change.of(bench, settled.judged).keep(run, effects=effects, start=diagnosis.start)
 
 
 def _score(c: Hypothesis) -> str:
@@ -148,11 +148,11 @@ def _score(c: Hypothesis) -> str:
 
 
 def _why(c: Hypothesis) -> str:
-    """Why an effect was not refitted, in two words."""
+    """Reason, in two words, for which an effect was not refitted."""
     return "not tried" if c.note == LATE else "not visible" if c.note else "not refitted"
 
 
 def _row(c: Hypothesis) -> str:
-    """One effect of the ranking, with all that is known of it."""
+    """A line of the ranking for the run's log: score, evidence, BIC gain and note of an effect."""
     gain = "not refitted" if c.evidence is None else f"evidence {c.evidence:.0f}, BIC gain {c.delta_bic:.0f}"
     return f"{c.effect.label}: score {c.z:.1f}, {gain}" + (f" ({c.note})" if c.note else "")

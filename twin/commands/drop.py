@@ -31,5 +31,5 @@ def _drop(project: Project, say: Say, name: str) -> dict[str, Any]:
     gone = next((names for names in named if names <= present), None)
     if gone is None:
         raise ValueError(f"effect {name!r} is not in the model, which has {', '.join(labels) or 'none'}")
-    left = tuple(label for label in labels if name_of(label) not in gone)
-    return change_effects(Workbench.of(project), "drop", left, {}, say)
+    remaining = tuple(label for label in labels if name_of(label) not in gone)
+    return change_effects(Workbench.of(project), "drop", remaining, {}, say)

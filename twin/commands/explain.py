@@ -33,35 +33,38 @@ def run_explain(
     model with them, or, of effects in the model, without them."""
     chosen, start = laws_of(project, name, say)
     names, labels = [e.name for e in chosen], project.config.model.effects
-    own = [label for label in labels if name_of(label) in names]
-    if own and len(own) < len(names):
-        raise ValueError(f"{name!r}: of these the model has {AND.join(own)} alone; wanted all or none")
+    present = [label for label in labels if name_of(label) in names]
+    if present and len(present) < len(names):
+        raise ValueError(f"{name!r}: of these the model has {AND.join(present)} alone; wanted all or none")
     check_embedded(project, "twin explain")
     check_least_squares(project, "twin explain")
     bench, fit = Workbench.of(project).of_film, newest_fit(project)
-    told = AND.join(own or [e.label for e in chosen])
-    with project.new_run("explain", extra={"effects": list(labels), "effect": told}) as run:
+    label = AND.join(present or [e.label for e in chosen])
+    with project.new_run("explain", extra={"effects": list(labels), "effect": label}) as run:
         model = bench.model()
         now = bench.judged_fit(model, fit, say)
-        say.progress(f"refit for {told}", 0, 1)
-        if own:
-            other, chosen = _without(bench, now, own, say), tuple(e for e in model.effects if e.label in own)
+        say.progress(f"refit for {label}", 0, 1)
+        if present:
+            refit, chosen = (
+                _without(bench, now, present, say),
+                tuple(e for e in model.effects if e.label in present),
+            )
         else:
-            other, chosen = _with(bench, now, chosen, start, say)
-        before, after = (other, now) if own else (now, other)
+            refit, chosen = _with(bench, now, chosen, start, say)
+        before, after = (refit, now) if present else (now, refit)
         mimics = _mimics(project, names)
-        made = explained(chosen, before=before, after=after, targets=bench.targets, mimics=mimics)
-        run.write(made.record)
-        run.write_npz("evidence.npz", made.maps)
-        found = made.record
-        change = f"{found.rms_before_mm:.4f} -> {found.rms_after_mm:.4f}"
-        run.summary["headline"] = f"{found.effect}: {change} mm rms"
-    for line in (*table(found), "", f"{in_words(found.parameters)}."):
+        explanation = explained(chosen, before=before, after=after, targets=bench.targets, mimics=mimics)
+        run.write(explanation.record)
+        run.write_npz("evidence.npz", explanation.maps)
+        record = explanation.record
+        change = f"{record.rms_before_mm:.4f} -> {record.rms_after_mm:.4f}"
+        run.summary["headline"] = f"{record.effect}: {change} mm rms"
+    for line in (*table(record), "", f"{in_words(record.parameters)}."):
         say(line)
-    for name, row in found.parameters.items():
+    for name, row in record.parameters.items():
         say(f"{name} is {row.plausible}." if row.plausible else f"{name}: no plausible range is declared.")
     say(f"Wrote {project.shown(run.folder)}/evidence.json and evidence.npz")
-    return {"stage": "explain", "run": run.name} | files.plain(found)
+    return {"stage": "explain", "run": run.name} | files.plain(record)
 
 
 def _without(bench: Workbench, now: Judged, labels: Sequence[str], say: Say) -> Judged:
@@ -75,8 +78,8 @@ def _with(
 ) -> tuple[Judged, tuple[Effect, ...]]:
     """The model with more effects, fitted from a start or, without one, from where their tangents lead."""
     if not start:
-        own = [begun(now, e) for e in chosen]
-        chosen, start = [e for e, _ in own], {k: x for _, values in own for k, x in values.items()}
+        guesses = [begun(now, e) for e in chosen]
+        chosen, start = [e for e, _ in guesses], {k: x for _, values in guesses for k, x in values.items()}
     model = bench.model([*bench.project.config.model.effects, *(e.label for e in chosen)])
     theta = model.theta(begun_from(model, now.values, start))
     low, high = (np.array([getattr(p, end) for p in model.parameters]) for end in ("low", "high"))
@@ -84,7 +87,7 @@ def _with(
 
 
 def _mimics(project: Project, names: Sequence[str]) -> list[tuple[str, float]]:
-    """What the newest diagnosis says that could mimic effects, and how much of its signature."""
-    found = newest(project, DiagnosisRecord) or NONE
-    own = [row.members for row in found.classes if name_of(row.effect) in names]
-    return [pair for members in own for pair in members.items() if name_of(pair[0]) not in names]
+    """Effects that could mimic these by the newest diagnosis, each with the share of the signature."""
+    diagnosis = newest(project, DiagnosisRecord) or NONE
+    members_of = [row.members for row in diagnosis.classes if name_of(row.effect) in names]
+    return [pair for members in members_of for pair in members.items() if name_of(pair[0]) not in names]

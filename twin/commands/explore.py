@@ -1,7 +1,5 @@
 """The command explore: which constant, effect or dimension bends the finger more, and at what stretch."""
 
-import csv
-import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -16,15 +14,15 @@ from twin.bench.engines import check_embedded
 from twin.bench.explorationranges import asked_ranges
 from twin.calibrated.exploration import FieldResponse, FingerAnswer, VariedFinger, farthest, tasks_of
 from twin.calibrated.predictions import pressure_of
-from twin.drawing.exploreplots import Coordinate, EffectPanel, draw_effects, draw_parallel
+from twin.drawing.exploreplots import EffectPanel, draw_effects
 from twin.executors.local import current
-from twin.experiments.designs import DesignKind, Variable
-from twin.experiments.designs import design as designed
+from twin.experiments.designs import Variable, sobol_design
 from twin.experiments.maineffects import MainEffects, levels_of, main_effects
 from twin.messages import Say
 from twin.numerals import short
 from twin.project.folder import Project, Run
 from twin.records import Maybe, Record
+from twin.table import DataTable
 from twin.tablemodel import Finite
 from twin.targets import Array
 
@@ -39,7 +37,7 @@ BENDING, STRETCHED = "angle_deg", "stretch"
 
 
 class ExploredVariable(Record):
-    """What is varied."""
+    """A variable of the design."""
 
     name: str
     low: Finite
@@ -60,7 +58,7 @@ class ExploredRow(Record):
 
 
 class ExploredEffect(Record):
-    """What a variable does to an answer, the others averaged."""
+    """Main effect of a variable on an answer, the others averaged."""
 
     variable: str
     answer: str
@@ -74,7 +72,6 @@ class ExploredRecord(Record):
     """A design of experiments on the finger."""
 
     file: ClassVar[str] = "explore.json"
-    design: str
     seed: int
     pressure_MPa: Finite
     held: dict[str, Finite] = Field(description="parameters that are not varied")
@@ -93,8 +90,7 @@ def run_explore(
         help="what is varied, NAME=LOW:HIGH: a constant in MPa, a parameter of an effect, or a dimension "
         "such as top_wall_mm=1.6:2.4; once for each")] = (),
     *,
-    design: Annotated[str, Option(help="sobol, latin (hypercube) or factorial")] = "sobol",
-    runs: Annotated[int, Option(help="number of runs, of a factorial design at most")] = 32,
+    runs: Annotated[int, Option(help="number of runs")] = 32,
     seed: Annotated[int, Option(help="seed of the design")] = 1,
     pressure: Annotated[str, Option(help="such as 30kPa; by default the highest of the film")] = "",
     whole: Annotated[bool, Option("--whole", help="solve every run, in place of a response")] = False,
@@ -105,44 +101,36 @@ def run_explore(
     ValueError for a variable that there is not, a range that is none, and where no run has an answer.
     """
     check_embedded(project, "twin explore")
-    kind, top = _kind(design), _pressure(project, pressure)
+    top = _pressure(project, pressure)
     finger, variables, remarks = asked_ranges(project, over, top)
-    x = designed(kind, variables, runs=runs, seed=seed)
+    x = sobol_design(variables, runs=runs, seed=seed)
     response = not whole and not any(finger.remeshes(v.name) for v in variables)
-    extra = {"over": list(over), "design": design, "runs": runs, "pressure": top, "whole": not response,
+    extra = {"over": list(over), "runs": runs, "pressure": top, "whole": not response,
              "held": dict(finger.values)}  # fmt: skip
     with project.new_run("explore", seed=seed, extra=extra) as run:
         rows = [dict(zip((v.name for v in variables), map(float, row), strict=True)) for row in x]
-        found, off = _answered(finger, variables, rows, response, run, say)
-        good = np.array([isinstance(one, FingerAnswer) for one in found])
+        answers, off = _answered(finger, variables, rows, response, run, say)
+        good = np.array([isinstance(answer, FingerAnswer) for answer in answers])
         if not good.any():
-            raise ValueError(f"explore: none of {len(rows)} runs has an answer; the first: {found[0]}; "
+            raise ValueError(f"explore: none of {len(rows)} runs has an answer; the first: {answers[0]}; "
                              "wanted ranges in which the finger can be meshed and solved")  # fmt: skip
-        answered = [one for one in found if isinstance(one, FingerAnswer)]
-        y = {name: np.array([getattr(one, name) for one in answered]) for name in ANSWERS}
-        made = _record(kind, seed, top, finger, variables, rows, found, x[good], y, off, remarks)
-        run.write(made)
-        run.write_text("explore.csv", _csv(made))
-        _draw(run, variables, x[good], y)
-        run.summary["headline"] = made.told
-    for line in _table(made):
+        answered = [answer for answer in answers if isinstance(answer, FingerAnswer)]
+        y = {name: np.array([getattr(answer, name) for answer in answered]) for name in ANSWERS}
+        record = _record(seed, top, finger, variables, rows, answers, x[good], y, off, remarks)
+        run.write(record)
+        run.write_text("explore.csv", _csv(record))
+        run.write_bytes("explore-effects.png", _picture(variables, x[good], y))
+        run.summary["headline"] = record.told
+    for line in _table(record):
         say(line)
-    say(made.told)
-    if made.note:
-        say(made.note)
-    say(f"Wrote {project.shown(run.folder)}/explore.csv, explore.json, explore-effects.png and "
-        "explore-parallel.png")  # fmt: skip
-    return {"stage": "explore", "run": run.name} | files.plain(made)
+    say(record.told)
+    if record.note:
+        say(record.note)
+    say(f"Wrote {project.shown(run.folder)}/explore.csv, explore.json and explore-effects.png")
+    return {"stage": "explore", "run": run.name} | files.plain(record)
 
 
 # -- what is asked for ---------------------------------------------------------------------------------------
-
-
-def _kind(text: str) -> DesignKind:
-    try:
-        return DesignKind(text)
-    except ValueError:
-        raise ValueError(f"--design {text!r}: wanted one of {', '.join(DesignKind)}") from None
 
 
 def _pressure(project: Project, text: str) -> float:
@@ -161,60 +149,60 @@ def _answered(
     finger: VariedFinger, variables: Sequence[Variable], rows: Sequence[dict[str, float]], response: bool,
     run: Run, say: Say,
 ) -> tuple[list[FingerAnswer | str], dict[str, float]]:  # fmt: skip
-    """What each row shows, and what a response is off; whole solves of a killed run come from its log."""
-    asked = list(range(len(rows)))
+    """Answer to each row, and the largest error of the response; solves of a killed run come from its log."""
+    checked = list(range(len(rows)))
     if response:  # rows spread over the design check it
-        asked = sorted({int(k) for k in np.linspace(0, len(rows) - 1, min(CHECKED, len(rows)))})
+        checked = sorted({int(k) for k in np.linspace(0, len(rows) - 1, min(CHECKED, len(rows)))})
     solved: dict[int, FingerAnswer | str] = {
         line["row"]: FingerAnswer(**line["shown"]) if line["shown"] else line["why"]
         for line in run.log() if "row" in line
     }  # fmt: skip
-    left = [k for k in asked if k not in solved]
-    say.progress("explore", len(asked) - len(left), len(asked))
-    tasks = tasks_of(finger, [rows[k] for k in left])
-    for done, (n, one) in enumerate(current().ended(tasks), start=len(asked) - len(left) + 1):
-        why, shown = (one, None) if isinstance(one, str) else ("", asdict(one))
-        run.append({"row": left[n], "shown": shown, "why": why})
-        solved[left[n]] = one
-        say.progress("explore", done, len(asked))
+    unsolved = [k for k in checked if k not in solved]
+    say.progress("explore", len(checked) - len(unsolved), len(checked))
+    tasks = tasks_of(finger, [rows[k] for k in unsolved])
+    for done, (n, answer) in enumerate(current().ended(tasks), start=len(checked) - len(unsolved) + 1):
+        why, values = (answer, None) if isinstance(answer, str) else ("", asdict(answer))
+        run.append({"row": unsolved[n], "shown": values, "why": why})
+        solved[unsolved[n]] = answer
+        say.progress("explore", done, len(checked))
     if not response:
-        return [solved[k] for k in asked], {}
+        return [solved[k] for k in checked], {}
     try:
         answering = FieldResponse.of(finger, variables)
     except ValueError as why:
         raise ValueError(f"{why}; or solve every run with --whole") from None
-    found = [answering.row(row) for row in rows]
-    pairs = [(a, b) for k in asked for a, b in [(found[k], solved[k])]
+    answers = [answering.row(row) for row in rows]
+    pairs = [(a, b) for k in checked for a, b in [(answers[k], solved[k])]
              if isinstance(a, FingerAnswer) and isinstance(b, FingerAnswer)]  # fmt: skip
-    for k in asked:  # what cannot be solved has no answer
-        found[k] = solved[k]
-    return found, {n: getattr(farthest(pairs), n) for n in ANSWERS} if pairs else {}
+    for k in checked:  # what cannot be solved has no answer
+        answers[k] = solved[k]
+    return answers, {n: getattr(farthest(pairs), n) for n in ANSWERS} if pairs else {}
 
 
 def _record(
-    kind: DesignKind, seed: int, top: float, finger: VariedFinger, variables: Sequence[Variable],
-    rows: Sequence[dict[str, float]], found: Sequence[FingerAnswer | str], x: Array, y: Mapping[str, Array],
+    seed: int, top: float, finger: VariedFinger, variables: Sequence[Variable],
+    rows: Sequence[dict[str, float]], answers: Sequence[FingerAnswer | str], x: Array, y: Mapping[str, Array],
     off: Mapping[str, float], remarks: Sequence[str],
 ) -> ExploredRecord:  # fmt: skip
     low, high = np.array([[v.low, v.high] for v in variables]).T
-    plane = {name: main_effects(x, own, low, high) for name, own in y.items()}
-    notes = [*remarks, *_notes(found, y, plane, off)]
+    plane = {name: main_effects(x, values, low, high) for name, values in y.items()}
+    notes = [*remarks, *_notes(answers, y, plane, off)]
     return ExploredRecord(
-        design=kind.value, seed=seed, pressure_MPa=top,
+        seed=seed, pressure_MPa=top,
         held={k: v for k, v in finger.values.items() if k not in {v.name for v in variables}},
         variables=tuple(
             ExploredVariable(name=v.name, low=v.low, high=v.high, unit=v.unit) for v in variables
         ),
-        rows=tuple(_row(values, one) for values, one in zip(rows, found, strict=True)),
+        rows=tuple(_row(values, answer) for values, answer in zip(rows, answers, strict=True)),
         effects=tuple(_effect_rows(variables, plane)), off=dict(off),
         told=told(variables, plane[BENDING], plane[STRETCHED]), note=" ".join(notes),
     )  # fmt: skip
 
 
-def _row(values: dict[str, float], one: FingerAnswer | str) -> ExploredRow:
-    if isinstance(one, str):
-        return ExploredRow(values=values, u1_mm=None, u3_mm=None, angle_deg=None, stretch=None, why=one)
-    return ExploredRow(values=values, **asdict(one), why="")
+def _row(values: dict[str, float], answer: FingerAnswer | str) -> ExploredRow:
+    if isinstance(answer, str):
+        return ExploredRow(values=values, u1_mm=None, u3_mm=None, angle_deg=None, stretch=None, why=answer)
+    return ExploredRow(values=values, **asdict(answer), why="")
 
 
 def _effect_rows(
@@ -234,14 +222,14 @@ def _effect_rows(
 
 
 def told(variables: Sequence[Variable], bends: MainEffects | None, strains: MainEffects | None) -> str:
-    """Which variable bends the finger most, and which gives more bending at less stretch."""
+    """Sentences on the variable that bends the finger most, and on more bending at less stretch."""
     if bends is None or strains is None:
         return "Too few runs have an answer to say what each variable does: ask for more --runs."
     clear = np.abs(bends.change) > SURE * bends.sd
     if not clear.any():
-        return "No variable changes the bending beyond what bend and interaction leave open."
-    first, *others = np.argsort(-np.abs(bends.change))
-    v, change, sd = variables[first], bends.change[first], bends.sd[first]
+        return "No variable has a clear effect on the bending: curvature and interactions hide it."
+    strongest, *others = np.argsort(-np.abs(bends.change))
+    v, change, sd = variables[strongest], bends.change[strongest], bends.sd[strongest]
     most = (f"{v.name} moves the bending most: by {change:+.3g} degrees (sd {sd:.2g}) from {short(v.low)} to "
             f"{short(v.high)} {v.unit}".rstrip() + ".")  # fmt: skip
     if others:
@@ -252,7 +240,7 @@ def told(variables: Sequence[Variable], bends: MainEffects | None, strains: Main
 
 
 def _at_less_stretch(variables: Sequence[Variable], bends: MainEffects, strains: MainEffects) -> str:
-    """Which variable gives more bending at less stretch under the same pressure; else what costs least."""
+    """A sentence on variables that give more bending at less stretch, else on the cheapest one."""
     clear = np.abs(bends.change) > SURE * bends.sd
     sure = clear & (np.abs(strains.change) > SURE * strains.sd)
     costs = [k for k in range(len(variables)) if sure[k]]
@@ -271,12 +259,12 @@ def _at_less_stretch(variables: Sequence[Variable], bends: MainEffects, strains:
 
 
 def _notes(
-    found: Sequence[FingerAnswer | str], y: Mapping[str, Array], plane: Mapping[str, MainEffects | None],
+    answers: Sequence[FingerAnswer | str], y: Mapping[str, Array], plane: Mapping[str, MainEffects | None],
     off: Mapping[str, float],
 ) -> Iterator[str]:  # fmt: skip
-    why = [one for one in found if isinstance(one, str)]
+    why = [answer for answer in answers if isinstance(answer, str)]
     if why:
-        yield (f"{len(why)} of {len(found)} runs have no answer, and what is said holds for the others "
+        yield (f"{len(why)} of {len(answers)} runs have no answer, and what is said holds for the others "
                f"alone. The first: {why[0]}.")  # fmt: skip
     for name in (BENDING, STRETCHED):
         e = plane[name]
@@ -288,56 +276,47 @@ def _notes(
         if size > ROUGH * float(y[name].std()) > 0:
             yield (f"The response is up to {size:.2g} off whole solves in {ANSWERS[name]}: use --whole, or "
                    "narrow the ranges.")  # fmt: skip
-    if len({one.nodes for one in found if isinstance(one, FingerAnswer)}) > 1:
+    if len({answer.nodes for answer in answers if isinstance(answer, FingerAnswer)}) > 1:
         yield ("The mesh has not the same number of nodes in all runs: differences of the size of its error "
                "say nothing.")  # fmt: skip
 
 
-def _table(made: ExploredRecord) -> list[str]:
+def _table(record: ExploredRecord) -> list[str]:
     """A line a variable: its range, and what it does to each answer with the standard error."""
-    cells = [("", "range", *ANSWERS.values())]
-    for v in made.variables:
-        own = {e.answer: e for e in made.effects if e.variable == v.name}
-        texts = (f"{own[n].change:+.3g} ({own[n].sd:.1g})" if n in own else "–" for n in ANSWERS)
+    columns, cells = ("", "range", *ANSWERS.values()), []
+    for v in record.variables:
+        effects = {e.answer: e for e in record.effects if e.variable == v.name}
+        texts = (f"{effects[n].change:+.3g} ({effects[n].sd:.1g})" if n in effects else "–" for n in ANSWERS)
         name = f"{v.name}, {v.unit}" if v.unit and not v.name.endswith("_mm") else v.name
         cells.append((name, f"{short(v.low)} to {short(v.high)}", *texts))
-    wide = [max(len(line[k]) for line in cells) for k in range(len(cells[0]))]
-    kPa = 1e3 * made.pressure_MPa
+    kPa = 1e3 * record.pressure_MPa
     head = [f"Change from the lowest to the highest value, with its sd, at {kPa:.4g} kPa:"]
-    off = ", ".join(f"{made.off[n]:.1g} in {ANSWERS[n]}" for n in made.off)
+    off = ", ".join(f"{record.off[n]:.1g} in {ANSWERS[n]}" for n in record.off)
     tail = [f"The response differs from whole solves by at most {off}."] if off else []
-    lines = ["  ".join(f"{c:<{w}}" for c, w in zip(line, wide, strict=True)).rstrip() for line in cells]
-    return [*head, *lines, *tail]
+    return [*head, *DataTable(columns, cells).lines(), *tail]
 
 
 # -- files ---------------------------------------------------------------------------------------------------
 
 
-def _csv(made: ExploredRecord) -> str:
+def _csv(record: ExploredRecord) -> str:
     """A line a run: its values, its answers, and why there are none."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    names = [v.name for v in made.variables]
-    units = [v.unit.replace("/", "_per_") for v in made.variables]
+    names = [v.name for v in record.variables]
+    units = [v.unit.replace("/", "_per_") for v in record.variables]
     heads = [n if n.endswith("_mm") or not u else f"{n}_{u}" for n, u in zip(names, units, strict=True)]
-    writer.writerow(["run", *heads, *ANSWERS, "nodes", "why"])
-    for k, row in enumerate(made.rows, start=1):
-        numbers = [*(row.values[n] for n in names), *(getattr(row, n) for n in ANSWERS)]
-        writer.writerow([k, *("" if x is None else f"{x:.8g}" for x in numbers), row.nodes or "", row.why])
-    return out.getvalue()
-
-
-def _draw(run: Run, variables: Sequence[Variable], x: Array, y: Mapping[str, Array]) -> None:
-    titles = [v.title for v in variables]
-    panels = [
-        [EffectPanel(x[:, k], own, levels_of(x[:, k], own, v.low, v.high)) for k, v in enumerate(variables)]
-        for own in y.values()
+    rows = [
+        [k, *(row.values[n] for n in names), *(getattr(row, n) for n in ANSWERS), row.nodes or None, row.why]
+        for k, row in enumerate(record.rows, start=1)
     ]
-    run.write_bytes(
-        "explore-effects.png", draw_effects(panels, variables=titles, answers=list(ANSWERS.values()))
-    )
-    lines = [Coordinate(t, x[:, k]) for k, t in enumerate(titles)]
-    lines += [Coordinate(ANSWERS[n], own) for n, own in y.items()]
-    run.write_bytes(
-        "explore-parallel.png", draw_parallel(lines, colour=y[BENDING], label=ANSWERS[BENDING])
-    )
+    return DataTable(["run", *heads, *ANSWERS, "nodes", "why"], rows).csv(digits=8)
+
+
+def _picture(variables: Sequence[Variable], x: Array, y: Mapping[str, Array]) -> bytes:
+    panels = [
+        [
+            EffectPanel(x[:, k], values, levels_of(x[:, k], values, v.low, v.high))
+            for k, v in enumerate(variables)
+        ]
+        for values in y.values()
+    ]
+    return draw_effects(panels, variables=[v.title for v in variables], answers=list(ANSWERS.values()))

@@ -24,6 +24,7 @@ from twin.judging.fitrecord import Estimate, FitRecord
 from twin.messages import Say
 from twin.project.folder import Project, Run
 from twin.records import Maybe, Record
+from twin.table import DataTable
 from twin.tablemodel import Finite
 from twin.targets import Array
 
@@ -88,21 +89,22 @@ def run_export(
     extra = {"form": form, "pressure": pressure, "at": list(at), "ramp_s": ramp_s, "hold_s": hold_s}
     with project.new_run("export", inputs=inputs, extra=extra) as run:
         if table:
-            made = _response(bench, record, asked(bench, at), say, ramp_s=ramp_s, hold_s=hold_s)
-            name = _written(made, form, run)
-            told = [] if record.adequate else ["No sds: the model does not fit its film."]
+            places = asked(bench, at)
+            model_record = _response(bench, record, places, say, ramp_s=ramp_s, hold_s=hold_s)
+            name = _written(model_record, form, run)
+            notes = [] if record.adequate else ["No sds: the model does not fit its film."]
         else:
-            wanted = pressure_of(pressure) if pressure else float(bench.targets.log_pressure.max())
-            text, told = _deck(bench, record, wanted, form, (ramp_s, hold_s))
+            deck_pressure = pressure_of(pressure) if pressure else float(bench.targets.log_pressure.max())
+            text, notes = _deck(bench, record, deck_pressure, form, (ramp_s, hold_s))
             name = "finger.inp"
             run.write_text(name, text)
         if bench.targets.shares:
-            told.append("Its chambers carry the pressure as in the first film.")
+            notes.append("Its chambers carry the pressure as in the first film.")
         run.summary["headline"] = f"The calibrated finger as {name}."
-    for line in told:
+    for line in notes:
         say(line)
     say(f"Wrote {project.shown(run.folder)}/{name}")
-    return {"stage": "export", "run": run.name, "form": form, "file": name, "notes": told}
+    return {"stage": "export", "run": run.name, "form": form, "file": name, "notes": notes}
 
 
 # -- a deck --------------------------------------------------------------------------------------------------
@@ -114,25 +116,25 @@ def _deck(
     """The text of a deck, and what it leaves out. ValueError for what no deck holds."""
     model = bench.model()
     test = model.put(model.named(record.fit.theta))
-    told = _left_out(model.effects, test)
+    notes = _left_out(model.effects, test)
     if form == "calculix":
         try:
             check(test.case)
         except ValueError as error:
             raise ValueError(f"export calculix: {error}, or export for abaqus") from None
         if why := CalculiX().unfit(test.case):
-            told.append(f"CalculiX has no elements for this deck: {why}.")
+            notes.append(f"CalculiX has no elements for this deck: {why}.")
     creeps = any(m.prony for m in test.case.materials.values())
     weight = of_targets(bench.targets).reshape(-1, 3)[0]
     if bench.targets.shares:
-        first = {name: float(shares[0]) for name, shares in bench.targets.shares.items()}
-        test = replace(test, case=replace(test.case, shares={**test.case.shares, **first}))
+        first_shares = {name: float(shares[0]) for name, shares in bench.targets.shares.items()}
+        test = replace(test, case=replace(test.case, shares={**test.case.shares, **first_shares}))
     text = deck(test.case, pressure, gravity=weight, times=times if creeps else None)
-    return (without_hybrid(text) if form == "calculix" else text), told
+    return (without_hybrid(text) if form == "calculix" else text), notes
 
 
 def _left_out(effects: Sequence[Effect], test: Test) -> list[str]:
-    """What of the model is not the finger's. ValueError for what cannot stand in a deck."""
+    """Remarks on effects of the rig, which a deck leaves out. ValueError for an effect that no deck holds."""
     if test.perturbations:
         raise ValueError(
             "the model has an effect that is known to first order alone, which no deck holds; drop it "
@@ -153,21 +155,21 @@ def _left_out(effects: Sequence[Effect], test: Test) -> list[str]:
 def _response(
     bench: Workbench, record: FitRecord, places: dict[str, Array], say: Say, *, ramp_s: float, hold_s: float
 ) -> ModelRecord:
-    """The response at LEVELS of the pressure, as it is predicted."""
+    """Predicted response at LEVELS pressures."""
     tested = float(bench.targets.log_pressure.max())
     levels = tested * np.linspace(0, 1, LEVELS + 1)[1:]
     courses = [WantedCourse.held(float(p), ramp_s=ramp_s, hold_s=hold_s) for p in levels]
-    found = predicted(bench, record, courses, places, say)
-    u = np.array([one.u[0] for one in found])  # (k, p, 3)
-    whole = np.concatenate([np.zeros((1, *u.shape[1:])), u])
-    slope = CubicSpline(np.append(0.0, levels), whole, axis=0)(levels, 1)
+    predictions = predicted(bench, record, courses, places, say)
+    u = np.array([prediction.u[0] for prediction in predictions])  # (k, p, 3)
+    from_rest = np.concatenate([np.zeros((1, *u.shape[1:])), u])
+    slope = CubicSpline(np.append(0.0, levels), from_rest, axis=0)(levels, 1)
     rows = [
         ResponseRow(
             point=name, pressure_MPa=float(p), u_mm=tuple(u[k, j]), slope_mm_per_MPa=tuple(slope[k, j]),
-            sd_mm=_sds(found[k], j),
+            sd_mm=_sds(predictions[k], j),
         )
         for k, p in enumerate(levels)
-        for j, name in enumerate(found[k].names)
+        for j, name in enumerate(predictions[k].names)
     ]  # fmt: skip
     return ModelRecord(
         version=VERSION,
@@ -183,23 +185,24 @@ def _response(
     )
 
 
-def _sds(one: Prediction, point: int) -> tuple[float | None, float | None, float | None]:
-    if one.why:
+def _sds(prediction: Prediction, point: int) -> tuple[float | None, float | None, float | None]:
+    if prediction.why:
         return None, None, None
-    a, b, c = one.sd[0, point]
+    a, b, c = prediction.sd[0, point]
     return float(a), float(b), float(c)
 
 
-def _written(made: ModelRecord, form: str, run: Run) -> str:
+def _written(record: ModelRecord, form: str, run: Run) -> str:
     """The name of the file that was written."""
     if form == "json":
-        run.write(made)
-        return made.file
-    heads = ",".join(f"u{k}_mm,u{k}_slope_mm_per_MPa,u{k}_sd_mm" for k in (1, 2, 3))
-    lines = [f"pressure_MPa,point,{heads}"]
-    for row in made.response:
-        cells = zip(row.u_mm, row.slope_mm_per_MPa, row.sd_mm, strict=True)
-        numbers = ["" if x is None else f"{x:.6g}" for cell in cells for x in cell]
-        lines.append(",".join([f"{row.pressure_MPa:.6g}", row.point.replace(",", " "), *numbers]))
-    run.write_text("response.csv", "\n".join(lines) + "\n")
+        run.write(record)
+        return record.file
+    ends = ("mm", "slope_mm_per_MPa", "sd_mm")
+    columns = ["pressure_MPa", "point", *(f"u{k}_{end}" for k in (1, 2, 3) for end in ends)]
+    rows = [
+        [row.pressure_MPa, row.point.replace(",", " "),
+         *(x for cell in zip(row.u_mm, row.slope_mm_per_MPa, row.sd_mm, strict=True) for x in cell)]
+        for row in record.response
+    ]  # fmt: skip
+    run.write_text("response.csv", DataTable(columns, rows).csv(digits=6))
     return "response.csv"

@@ -82,19 +82,21 @@ def run_init(
     if deck is not None and (finger or body != "finger"):
         typed = f"--finger {finger[0]}" if finger else f"--body {body}"
         raise ValueError(f"{typed}: of a built-in body, whose place --deck takes; leave one out")
-    told = {point.name: point for point in map(_point, nodes)}
-    known = {} if deck is not None else {n: PointTable(name=n, node=k) for n, k in NAMED_NODES.items()}
+    node_points = {point.name: point for point in map(_point, nodes)}
+    builtin_points = (
+        {} if deck is not None else {n: PointTable(name=n, node=k) for n, k in NAMED_NODES.items()}
+    )
     kind, shape = body_table(body, finger)
-    own = None if deck is None else _own_mesh(deck, told, ask=targets is None)
+    own_deck = None if deck is None else _own_mesh(deck, node_points, ask=targets is None)
     name = named_after(folder)
-    wanted: dict[str, str] = {}
+    missing_keys: dict[str, str] = {}
     if targets is None:
-        config = film_config(name, known | told)
+        config = film_config(name, builtin_points | node_points)
     elif form is None and (targets / "targets.csv").is_file():
-        config = targets_config(name, _read(targets, told), known | told)
+        config = targets_config(name, _read(targets, node_points), builtin_points | node_points)
     else:
-        config, wanted = import_config(
-            name, targets, form or format_of(targets), known=known, told=told, sd_mm=sd_mm,
+        config, missing_keys = import_config(
+            name, targets, form or format_of(targets), known=builtin_points, told=node_points, sd_mm=sd_mm,
             still=_still(still),
         )  # fmt: skip
     if (sd_mm is not None or still) and config.imported is None:
@@ -102,46 +104,48 @@ def run_init(
             f"{'--still' if still else '--sd-mm'} {still or sd_mm}: of another program's file; a folder of "
             "targets states its own under [noise] of targets.toml"
         )
-    if config.imported is None or own is not None or shape:  # else its dimensions are still to be stated
-        _check_points(config, own, shape, say)
+    if config.imported is None or own_deck is not None or shape:  # else its dimensions are still to be stated
+        _check_points(config, own_deck, shape, say)
     model: dict[str, Any] = {"density_kg_m3": density_kg_m3, kind: shape}
     model |= {"deck": f"raw/{deck.name}"} if deck else {}
     model |= {} if kind == "finger" else {"body": kind}
-    stated = {key: value for key, value in model.items() if value is not None}
-    config = config.model_copy(update={"model": config.model.model_copy(update=stated)})
+    model_keys = {key: value for key, value in model.items() if value is not None}
+    config = config.model_copy(update={"model": config.model.model_copy(update=model_keys)})
     with files.whole_folder(folder.resolve()) as draft:
         write(draft / "twin.toml", dump(config))
-        _fill(draft, config, targets, () if own is None else own.files)
+        _fill(draft, config, targets, () if own_deck is None else own_deck.files)
     say(f"Wrote {folder / 'twin.toml'}.")
-    if own is not None:
+    if own_deck is not None:
         from twin.commands.check import check_finger
 
         check_finger(Project.open(folder), say)  # its materials, how it is held, the shapes of its elements
-    _say_next(folder, config, wanted, say)
-    return {"stage": "init", "status": "done", "project": str(folder), "wanted": list(wanted)}
+    _say_next(folder, config, missing_keys, say)
+    return {"stage": "init", "status": "done", "project": str(folder), "wanted": list(missing_keys)}
 
 
 def _init_of_mesh(
-    folder: Path, say: Say, mesh: Path, own: Mapping[str, str], **stated: Any
+    folder: Path, say: Say, mesh: Path, options: Mapping[str, str], **stated: Any
 ) -> dict[str, Any]:
-    """As `run_init`, with the deck that a mesh with groups makes."""
+    """Result of `run_init` with the deck that a mesh with groups makes."""
     from twin.laws.mooneyrivlin import NOMINAL
 
     if not mesh.is_file():
         raise ValueError(f"--deck {mesh}: no such file; wanted an Abaqus input deck, or a mesh with groups")
     rubber = NOMINAL.material
-    text = deck_of(mesh, constants=(rubber.C10, rubber.C01), **own)
+    text = deck_of(mesh, constants=(rubber.C10, rubber.C01), **options)
     with tempfile.TemporaryDirectory() as scratch:
-        made = Path(scratch) / f"{mesh.stem}.inp"
-        made.write_text(text, encoding="utf-8")
-        done = run_init(folder, say, deck=made, **stated)
-    say(f"raw/{made.name} is the deck made of {mesh.name}: state other materials and loads there.")
+        deck_file = Path(scratch) / f"{mesh.stem}.inp"
+        deck_file.write_text(text, encoding="utf-8")
+        done = run_init(folder, say, deck=deck_file, **stated)
+    say(f"raw/{deck_file.name} is the deck made of {mesh.name}: state other materials and loads there.")
     return done
 
 
-def _read(targets: Path, told: Mapping[str, PointTable]) -> Targets:
+def _read(targets: Path, node_points: Mapping[str, PointTable]) -> Targets:
     """The targets of a folder, at the nodes that were named."""
-    return read_targets(targets, nodes={n: point.node for n, point in told.items() if point.node is not None})
+    return read_targets(
+        targets, nodes={n: point.node for n, point in node_points.items() if point.node is not None}
+    )
 
 
 def _fill(draft: Path, config: Config, targets: Path | None, deck: Sequence[Path]) -> None:
@@ -160,14 +164,14 @@ def _fill(draft: Path, config: Config, targets: Path | None, deck: Sequence[Path
         shutil.copy2(file, place)
 
 
-def _say_next(folder: Path, config: Config, wanted: Mapping[str, str], say: Say) -> None:
+def _say_next(folder: Path, config: Config, missing_keys: Mapping[str, str], say: Say) -> None:
     """Say what the user has to state in twin.toml, and the next command."""
     if config.imported is None:
         say(f"Next: `twin check --project {files.typed(folder)}` says what is still missing.")
         return
-    if wanted:
+    if missing_keys:
         say(f"{config.imported.file} does not say all. State under [import] of twin.toml:")
-    for key, what in wanted.items():
+    for key, what in missing_keys.items():
         say(f"  {key}: {what}.")
     say(f"Next: `twin measure --project {files.typed(folder)}` makes the targets of it.")
 
@@ -183,35 +187,35 @@ def import_config(
     """
     from twin.formats.supplied import still_wanted
 
-    found = read_recorded(targets, form)
+    recorded = read_recorded(targets, form)
     told = {plain(p.name): p.model_copy(update={"name": plain(p.name)}) for p in told.values()}
-    listed = ", ".join(found.names[:12])
-    if missing := [p for p in told if p not in found.names]:
+    listed = ", ".join(recorded.names[:12])
+    if missing := [p for p in told if p not in recorded.names]:
         raise ValueError(f"--node {missing[0]}: not in the file, which has {listed}; correct the name")
-    points = tuple(p for p in ({**known, **told}).values() if p.name in found.names)
+    points = tuple(p for p in ({**known, **told}).values() if p.name in recorded.names)
     if not points:
         raise ValueError(
             f"no point has a place on the finger; wanted --node NAME=LABEL or --node NAME=X,Y,Z in mm for "
             f"those that do: the file has {listed}"
         )
-    given = {"file": f"raw/{targets.name}", "format": form, "axes": found.axes or None, "sd_mm": sd_mm,
+    keys = {"file": f"raw/{targets.name}", "format": form, "axes": recorded.axes or None, "sd_mm": sd_mm,
              "still_steps": still}  # fmt: skip
-    stated = checked(ImportTable, given, name="--targets, --format, --sd-mm, --still")
+    table = checked(ImportTable, keys, name="--targets, --format, --sd-mm, --still")
     objective = _objective(tuple(p.name for p in points))
     config = Config(
         project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective)
     )
-    return config.model_copy(update={"imported": stated}), still_wanted(found, stated)
+    return config.model_copy(update={"imported": table}), still_wanted(recorded, table)
 
 
 def _still(text: str) -> str | list[list[int]] | None:
-    """What still_steps of twin.toml takes; None where nothing is stated."""
+    """Value of still_steps in twin.toml, None without one."""
     if not text or text == "holds":
         return text or None
-    found = [re.fullmatch(r"\s*(\d+)-(\d+)\s*", part) for part in text.split(",")]
-    if not all(found):
+    ranges = [re.fullmatch(r"\s*(\d+)-(\d+)\s*", part) for part in text.split(",")]
+    if not all(ranges):
         raise ValueError(f"--still {text!r}: wanted holds, or first and last rows such as 0-60,200-260")
-    return [[int(one[1]), int(one[2])] for one in found if one]
+    return [[int(match[1]), int(match[2])] for match in ranges if match]
 
 
 def body_table(body: str, finger: Sequence[str] = ()) -> tuple[str, BodyTable | None]:
@@ -219,6 +223,10 @@ def body_table(body: str, finger: Sequence[str] = ()) -> tuple[str, BodyTable | 
     none are stated. ValueError where there is no such body, or a dimension is not right.
 
     finger: dimensions KEY=VALUE of the finger, stated beside it.
+
+    >>> kind, table = body_table("pneunet:chambers=4")
+    >>> kind, table.chambers
+    ('pneunet', 4)
     """
     kind, _, rest = body.partition(":")
     if kind not in BODIES:
@@ -228,11 +236,13 @@ def body_table(body: str, finger: Sequence[str] = ()) -> tuple[str, BodyTable | 
             f"--finger {finger[0]}: of a bellows finger, and the body is {kind}; wanted its dimensions as in "
             f"--body {kind}:KEY=VALUE"
         )
-    option, stated = ("--finger", finger) if finger else (f"--body {kind}", rest.split(",") if rest else ())
-    if not stated:
+    option, dimensions = (
+        ("--finger", finger) if finger else (f"--body {kind}", rest.split(",") if rest else ())
+    )
+    if not dimensions:
         return kind, None if kind == "finger" else BODIES[kind]()
     values: dict[str, Any] = {}
-    for text in stated:
+    for text in dimensions:
         key, _, value = text.partition("=")
         if not key or not value:
             raise ValueError(f"{option} {text!r}: wanted KEY=VALUE of [model.{kind}], such as length_mm=80")
@@ -254,8 +264,8 @@ def _check_points(config: Config, deck: "Deck | None", shape: BodyTable | None, 
     if deck is not None:
         structure = Structure(deck.case, "", {}, skin(deck.case))
     elif shape or nodes - set(NAMED_NODES.values()):  # those are there: no mesh need be made for them
-        own = shape.body if shape else BuiltIn()
-        case = body_case(own, own.lattice)
+        body = shape.body if shape else BuiltIn()
+        case = body_case(body, body.lattice)
         structure = Structure(case, "", {}, case.face_nodes("outside"))
     else:
         return
@@ -271,13 +281,13 @@ def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]
     from twin.study.generations import moving_component
 
     finger = [p for p in targets.points if p.kind is not PointKind.FIXED]
-    known = {p.name: _named(p) or stated.get(p.name) for p in finger}
-    missing = [name for name, point in known.items() if point is None]
+    points_of = {p.name: _named(p) or stated.get(p.name) for p in finger}
+    missing = [name for name, point in points_of.items() if point is None]
     if missing:
         raise ValueError(f"the place of point {', '.join(missing)} is not known: state it, as in --node "
                          f"{missing[0]}=110,11.5,0 (x, y, z in mm) or --node {missing[0]}=4401 (the label of "
                          "a node), or in targets.toml under [[points]]")  # fmt: skip
-    points = tuple(point for point in known.values() if point is not None)
+    points = tuple(point for point in points_of.values() if point is not None)
     if not points:
         raise ValueError("targets: all points are fixed markers; wanted at least one on the finger")
     objective = _objective(tuple(p.name for p in points))
@@ -304,14 +314,14 @@ def _objective(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(n for n in NAMED_NODES if n in names) or names
 
 
-def _own_mesh(deck: Path, told: Mapping[str, PointTable], *, ask: bool) -> "Deck":
-    """A deck as it was read; ValueError where it is not right.   ask: whether points have to be named, as no
-    targets name them."""
+def _own_mesh(deck: Path, node_points: Mapping[str, PointTable], *, ask: bool) -> "Deck":
+    """The mesh of a deck; ValueError where it is not right.   ask: points have to be named, as no targets
+    name them."""
     from twin.model.structure import sound_deck
 
     if not deck.is_file():
         raise ValueError(f"--deck {deck}: no such file; wanted an Abaqus input deck")
-    if ask and not told:
+    if ask and not node_points:
         raise ValueError(
             "--deck without --node: name your points, as in --node tip=4401, or --node tip=110,11.5,0 in mm"
         )
@@ -323,7 +333,7 @@ def film_config(name: str, stated: Mapping[str, PointTable] | None = None) -> Co
 
     stated: the points by name; by default tip and middle of the built-in finger.
     """
-    known = stated or {point: PointTable(name=point, node=node) for point, node in NAMED_NODES.items()}
+    named = stated or {point: PointTable(name=point, node=node) for point, node in NAMED_NODES.items()}
     rig = [(x, z) for z in (12.0, -75.0) for x in (-20.0, 15.0, 50.0, 85.0, 120.0)]
     markers = tuple(
         MarkerTable(marker=20 + i, name=f"R{i + 1:02d}", role="fixed" if i % 5 in (1, 3) else "frame",
@@ -336,11 +346,11 @@ def film_config(name: str, stated: Mapping[str, PointTable] | None = None) -> Co
     )  # fmt: skip
     points = tuple(
         point.model_copy(update={"marker": number, "size_mm": 6.0})
-        for number, point in enumerate(known.values())
+        for number, point in enumerate(named.values())
     )
     return Config(project=ProjectTable(name=name), cameras=(camera,), pressure=PressureTable(),
                   frame=FrameTable(markers=markers), points=points,
-                  calibrate=CalibrateTable(objective_points=_objective(tuple(known))))  # fmt: skip
+                  calibrate=CalibrateTable(objective_points=_objective(tuple(named))))  # fmt: skip
 
 
 def _point(text: str) -> PointTable:

@@ -1,4 +1,4 @@
-"""A further batch on the same rig: a project made from the former."""
+"""The project of a further batch, made from the former batch on its rig."""
 
 import os
 import shutil
@@ -45,12 +45,16 @@ def run_init_like(folder: Path, say: Say, *, like: Path) -> dict[str, Any]:
     return {"stage": "init", "status": "done", "project": str(folder), "like": str(like)}
 
 
-def _effects_kept(had: Sequence[str], kept: Sequence[str]) -> str:
-    """What the model has of the former batch's effects, in words; "" where that had none."""
-    left = [label for label in had if label not in kept]
-    out = f"The model keeps its effects, {', '.join(kept)}: `twin calibrate` fits them again." if kept else ""
-    if left:
-        out += f" Left out: {', '.join(left)}, of its film alone."
+def _effects_kept(had: Sequence[str], effects: Sequence[str]) -> str:
+    """A sentence on the effects kept from the former batch; empty where it had none."""
+    dropped = [label for label in had if label not in effects]
+    out = (
+        f"The model keeps its effects, {', '.join(effects)}: `twin calibrate` fits them again."
+        if effects
+        else ""
+    )
+    if dropped:
+        out += f" Left out: {', '.join(dropped)}, of its film alone."
     return out.strip()
 
 
@@ -58,10 +62,16 @@ def _shared(former: Project) -> list[Path]:
     """The files that belong to the rig and the model, not to one batch."""
     names = {c.dictionary for c in former.config.cameras}
     names |= {c.board.dictionary for c in former.config.cameras if c.board}
-    own = [path for name in sorted(names) for path in dictionary_files(former, name)]
+    dictionaries = [path for name in sorted(names) for path in dictionary_files(former, name)]
     cached = sorted((former.root / "cache").glob("*"))  # what depends on the finger, not on the batch
     solved = [path for path in cached if path.is_file() and not path.is_symlink()]
-    shared = [*calibration_files(former), *own, *former.deck_files(), *former.effect_files(), *solved]
+    shared = [
+        *calibration_files(former),
+        *dictionaries,
+        *former.deck_files(),
+        *former.effect_files(),
+        *solved,
+    ]
     for path in shared:
         if not path.is_relative_to(former.root):
             raise ValueError(f"{path} lies outside {former.root}; wanted it below that folder, to copy it")
@@ -69,7 +79,7 @@ def _shared(former: Project) -> list[Path]:
 
 
 def _wanted(former: Project) -> list[str]:
-    """What the user has to bring, one sentence each."""
+    """Files that the user has to bring, one sentence each."""
     tests = [test.file for test in former.config.material_tests]
     if tests:
         return [f"Put {', '.join(tests)} of the new silicone there, or remove [[material_tests]].",
@@ -78,7 +88,7 @@ def _wanted(former: Project) -> list[str]:
 
 
 def _wanted_films(former: Project) -> list[str]:
-    """What the user has to bring of the film, one sentence each."""
+    """Films, logs and times that the user has to bring, one sentence each."""
     cameras, log = former.config.cameras, former.config.pressure
     if (foreign := former.config.imported) is not None:
         return [f"Put {', '.join(filter(None, (foreign.file, foreign.log)))} there."]

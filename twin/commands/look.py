@@ -30,11 +30,11 @@ def run_look(
     """Drawings of the finger, unless they are there: finger.png and look.rrd, the undeformed finger with its
     dimensions; nodes.png, the labels around points; quality.png and quality.csv, the shapes of the elements;
     of a deck read.png, what was read of it."""
-    asked = places_asked(at)
+    places = places_asked(at)
     how: dict[str, Any] = {"tables": ("project", "model", "frame", "points"), "inputs": project.deck_files(),
-                           "extra": {"at": [x.tolist() for x in asked]}}  # fmt: skip
+                           "extra": {"at": [x.tolist() for x in places]}}  # fmt: skip
     structure = structure_of(project)
-    nearest = [nearest_node(structure, x) for x in asked]
+    nearest = [nearest_node(structure, x) for x in places]
     for _, sentence in nearest:
         say(sentence)
     for place in places_of(project, structure).values():
@@ -60,7 +60,7 @@ def run_look(
             run.path("look.rrd"), case=structure.case, triangles=triangles(structure.outside), points=points,
             marks=marks, sketch=sketch, drawing=picture,
         )  # fmt: skip
-        around = points | {f"at {text}": x for text, x in zip(at, asked, strict=True)}
+        around = points | {f"at {text}": x for text, x in zip(at, places, strict=True)}
         run.write_bytes("nodes.png", labelled(structure.case, outside=structure.outside, points=around))
         measures = quality(structure.case)
         run.write_bytes("quality.png", shapes(structure.case, outside=structure.outside, measures=measures))
@@ -76,5 +76,5 @@ def run_look(
     say("nodes.png has the node labels around points, quality.png the shapes of the elements.")
     if project.config.model.deck is not None:
         say("read.png shows materials, layers, supports and the pressure, as they were read.")
-    nodes = {"nodes": [label for label, _ in nearest]} if asked else {}
+    nodes = {"nodes": [label for label, _ in nearest]} if places else {}
     return {"stage": "look", "status": "done", "run": project.shown(run.folder)} | run.summary | nodes

@@ -49,7 +49,7 @@ STRAIN_SHOWN = 300  # those that the review shows
 
 @dataclass(frozen=True)
 class FollowedFiles:
-    """What a run has followed so far, as files in its folder: a killed one goes on from there."""
+    """Tracks followed so far, as files in a run's folder: a killed run goes on from there."""
 
     folder: Path
 
@@ -73,7 +73,7 @@ class FollowedFiles:
 
 @dataclass(frozen=True)
 class _Measured:
-    """What the films and the log have given."""
+    """Displacements, pressure log and their synchronisation."""
 
     film: "Video"  # of the first camera
     moved: "Displacements"
@@ -132,8 +132,8 @@ def _measured(project: Project, say: Say, replace: bool, renew: bool) -> dict[st
         if foreign:
             targets = _from_foreign(project, say, run)
         elif each:
-            targets, told = _joint(project, run, each)
-            source = SourceRecord(run=run.name, films=told)
+            targets, sources = _joint(project, run, each)
+            source = SourceRecord(run=run.name, films=sources)
         else:
             targets = _from_film(project, camera, say, run)
         _put_aside(project, say)
@@ -162,16 +162,18 @@ def _from_foreign(project: Project, say: Say, run: Run) -> Targets:
 
 
 def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
-    """The targets of the project's one film; what is known of it is written into the run."""
-    found = _measure(project, camera, say, run)
-    moved, nodes, readout_ms = found.moved, project.config.nodes, camera_table(project).readout_ms
-    late = read_late(moved, found.film, readout_ms)
-    targets = make_targets(moved, found.log, join=found.join, gauge=found.gauge, nodes=nodes, late=late)
+    """The targets of a film; tracks, error budget and summary are written into the run."""
+    measured = _measure(project, camera, say, run)
+    moved, nodes, readout_ms = measured.moved, project.config.nodes, camera_table(project).readout_ms
+    late = read_late(moved, measured.film, readout_ms)
+    targets = make_targets(
+        moved, measured.log, join=measured.join, gauge=measured.gauge, nodes=nodes, late=late
+    )
     run.write_npz("tracks.npz", _tracks(moved))
     run.write_bytes("overlay.png", _overlay(project, moved))
     run.write_text("budget.csv", _budget_csv(moved, targets))
     _write_strain(run, moved, lens_of(project, camera_table(project)).size)
-    run.summary.update(_summary(targets, found, said_of_readout(targets, readout_ms)))
+    run.summary.update(_summary(targets, measured, said_of_readout(targets, readout_ms)))
     run.summary["coding"] = list(moved.coding)
     for sentence in (*moved.notes, *moved.coding):
         run.note(sentence)
@@ -180,8 +182,7 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
 
 
 def _one_film(project: Project, camera: Path, say: Say, name: str, *, anew: bool) -> Path:
-    """The run in which one of several films is measured: made now, unless it is there and not to be made
-    anew."""
+    """Run folder of the measurement of a film of several; an earlier one serves unless `anew`."""
     how = measure_inputs(project, camera)
     done = None if anew else project.done(FILM, **how)
     if done is not None and (done / "targets").is_dir():
@@ -206,19 +207,19 @@ def _joint(
     films = [FilmTargets.of(film, read_targets(folder / "targets", nodes=project.config.nodes))
              for film, folder in each]  # fmt: skip
     targets, rows = joined(films)
-    first = each[0][1]
-    run.write_npz("tracks.npz", files.read_npz(first / "tracks.npz"))
-    run.write_bytes("overlay.png", (first / "overlay.png").read_bytes())
-    run.write_text("budget.csv", (first / "budget.csv").read_text(encoding="utf-8"))
-    if (first / "strain.npz").is_file():
-        run.write_npz("strain.npz", files.read_npz(first / "strain.npz"))
+    first_folder = each[0][1]
+    run.write_npz("tracks.npz", files.read_npz(first_folder / "tracks.npz"))
+    run.write_bytes("overlay.png", (first_folder / "overlay.png").read_bytes())
+    run.write_text("budget.csv", (first_folder / "budget.csv").read_text(encoding="utf-8"))
+    if (first_folder / "strain.npz").is_file():
+        run.write_npz("strain.npz", files.read_npz(first_folder / "strain.npz"))
     summaries = [files.plain(project.info(folder).summary) for _, folder in each]
-    told = tuple(
+    sources = tuple(
         row.model_copy(update={"run": folder.name}) for row, (_, folder) in zip(rows, each, strict=True)
     )
-    films = [files.plain(row) | own for row, own in zip(told, summaries, strict=True)]
+    films = [files.plain(row) | summary for row, summary in zip(sources, summaries, strict=True)]
     run.summary.update(_counts(targets) | {"remarks": [], "films": films})
-    return targets, told
+    return targets, sources
 
 
 def _check_motion(project: Project, targets: Targets) -> None:
@@ -247,20 +248,20 @@ def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
             steps=settings.steps, progress=say.progress, keeper=FollowedFiles(run.folder),
         )  # fmt: skip
 
-    way = joining_of(pressure, table)
-    join = way.join(views[0].film, log, lambda: _motion(moved(), settings.steps))
+    joining = joining_of(pressure, table)
+    join = joining.join(views[0].film, log, lambda: _motion(moved(), settings.steps))
     gauge = gauge_of(project, views[0].film.time, views[0].static.time, log, join.start_s)
-    told = said_of_log(project, views[0].film.time, log, join.start_s)
+    log_remarks = said_of_log(project, views[0].film.time, log, join.start_s)
     motion = _motion(moved(), settings.steps)
     agrees = check_agrees(motion, log, join.start_s, stated=pressure.join == "stamps")
     late, note = check_clock(motion, log, join, by=pressure.join)
     run.note(note)
-    return _Measured(views[0].film, moved(), log, gauge, join, (*told, *(agrees or late)))
+    return _Measured(views[0].film, moved(), log, gauge, join, (*log_remarks, *(agrees or late)))
 
 
 def _even(moved: "Displacements", most: int) -> NDArray[np.bool_]:
-    """Which steps (s,) are evenly spaced: those of a longer film without the rest of its reference,
-    whose density would make the scatter of the others look correlated."""
+    """Mask (s,) of the evenly spaced steps: without the dense frames of the reference, which would make the
+    scatter of the others look correlated."""
     from vision.placing.views import even_steps
 
     frames = np.searchsorted(moved.tracks.time, moved.time)
@@ -282,7 +283,7 @@ def _motion(moved: "Displacements", most: int) -> Motion:
 
 
 def _tracks(moved: "Displacements") -> dict[str, NDArray[Any]]:
-    """What review draws over the film; `methods` names the codes of `method`."""
+    """Tracks for the review, px; `methods` names the codes of `method`."""
     from vision.following.tracks import Method
 
     t = moved.tracks
@@ -305,12 +306,12 @@ def _write_strain(run: Run, moved: "Displacements", size: tuple[int, int]) -> No
     from vision.placing.views import even_steps
 
     run.write_text("strain.csv", to_csv(field))
-    shown = even_steps(len(field.time), STRAIN_SHOWN)
-    t, at = moved.tracks, np.searchsorted(moved.tracks.time, field.time[shown])
-    pixel = t.position[at][:, [t.names.index(name) for name in field.names]]
+    steps_shown = even_steps(len(field.time), STRAIN_SHOWN)
+    t, frames = moved.tracks, np.searchsorted(moved.tracks.time, field.time[steps_shown])
+    pixel = t.position[frames][:, [t.names.index(name) for name in field.names]]
     Strains(
-        time_s=field.time[shown] - field.time[0], components=COMPONENTS, names=field.names, size=size,
-        pixel=pixel, value=field.value[shown], sd=field.sd[shown],
+        time_s=field.time[steps_shown] - field.time[0], components=COMPONENTS, names=field.names, size=size,
+        pixel=pixel, value=field.value[steps_shown], sd=field.sd[steps_shown],
     ).save(run.path("strain.npz"))  # fmt: skip
     cells = quads(field.points)
     if not len(cells):
@@ -362,29 +363,29 @@ def _say_budget(path: Path, say: Say) -> dict[str, Any]:
 
 
 def _counts(targets: Targets) -> dict[str, Any]:
-    """How much was measured, and its headline."""
+    """Numbers of steps, points and values, and the headline."""
     return {
         "steps": len(targets.time), "points": len(targets.names), "valid": int(targets.valid.sum()),
         "modes": len(targets.mode_names), "headline": _headline(targets),
     }  # fmt: skip
 
 
-def _summary(targets: Targets, found: _Measured, said: tuple[str, ...]) -> dict[str, Any]:
-    """What run.json and --json tell.   said: more sentences."""
-    moved, gauge, noise = found.moved, found.gauge, found.moved.noise
+def _summary(targets: Targets, measured: _Measured, remarks: tuple[str, ...]) -> dict[str, Any]:
+    """Summary for run.json and --json.   remarks: further sentences."""
+    moved, gauge, noise = measured.moved, measured.gauge, measured.moved.noise
     return _counts(targets) | {
         "static_frames": noise.frames, "gauge_sd_MPa": gauge.sd_MPa,
         "sd_mm": dict(zip(moved.names, noise.sd, strict=True)),
         "codec_sd_mm": dict(zip(moved.names, noise.codec_sd, strict=True)),
         "remarks": [
-            *moved.lost, *moved.remarks, *filter(None, (gauge.remark, found.join.remark)),
-            *found.remarks, *said,
+            *moved.lost, *moved.remarks, *filter(None, (gauge.remark, measured.join.remark)),
+            *measured.remarks, *remarks,
         ],
     }  # fmt: skip
 
 
 def _headline(targets: Targets) -> str:
-    """What was measured, one sentence."""
+    """A sentence on size and noise of the displacements."""
     finger, fixed = int((~targets.fixed).sum()), int(targets.fixed.sum())
     variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[targets.valid]
     peak = np.nanmax(np.abs(targets.value[:, ~targets.fixed]))
@@ -400,7 +401,7 @@ def _put_aside(project: Project, say: Say) -> None:
     if not folder.exists():
         return
     number = 1
-    while (kept := folder.with_name(f"targets-{number:04d}")).exists():
+    while (former := folder.with_name(f"targets-{number:04d}")).exists():
         number += 1
-    os.rename(folder, kept)
-    say(f"The former targets are kept as {kept.name}.")
+    os.rename(folder, former)
+    say(f"The former targets are kept as {former.name}.")

@@ -1,7 +1,5 @@
-"""The command pareto: what fits one part of the measurement at the cost of another, and if that matters."""
+"""The command pareto: the trade-off between fits of parts of the measurement."""
 
-import csv
-import io
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any, ClassVar
 
@@ -21,6 +19,7 @@ from twin.messages import Say
 from twin.numerals import short
 from twin.project.folder import Project, Run
 from twin.records import Record
+from twin.table import DataTable
 from twin.tablemodel import Finite
 
 OFF = 0.25  # of what noise may make of a misfit, by which a response may be off unmentioned
@@ -87,30 +86,30 @@ def run_pareto(
     inputs = [project.targets_folder, *project.deck_files(), *project.effect_files()]
     extra = {"objectives": list(masks), "fit": file.parent.name}
     with project.new_run("pareto", seed=seed, inputs=inputs, extra=extra) as run:
-        found = trade_off(
+        trade = trade_off(
             bench, fit, masks, seed=seed, say=say, keep=_keeping(run),
             errors=kept_errors(file, fit, bench.targets),
         )
-        known = bench.targets.noise is not None
+        has_noise = bench.targets.noise is not None
         names = [p.name for p in fit.parameters]
-        made = _record(found, file.parent.name, seed, names, known)
-        run.write(made)
-        run.write_text("pareto.csv", _csv(found, names))
-        run.write_bytes("pareto.png", _picture(found))
-        run.summary["headline"] = made.told
-    for line in _table(made, found):
+        record = _record(trade, file.parent.name, seed, names, has_noise)
+        run.write(record)
+        run.write_text("pareto.csv", _csv(trade, names))
+        run.write_bytes("pareto.png", _picture(trade))
+        run.summary["headline"] = record.told
+    for line in _table(record, trade):
         say(line)
-    say(made.told)
-    if made.note:
-        say(made.note)
-    say(f"{len(made.points)} points of the front are whole solves of the model; the response was at most "
-        f"{made.off:.2g} off their misfits.")  # fmt: skip
+    say(record.told)
+    if record.note:
+        say(record.note)
+    say(f"{len(record.points)} points of the front are whole solves of the model; the response was at most "
+        f"{record.off:.2g} off their misfits.")  # fmt: skip
     say(f"Wrote {project.shown(run.folder)}/pareto.csv, pareto.json and pareto.png")
-    return {"stage": "pareto", "run": run.name} | files.plain(made)
+    return {"stage": "pareto", "run": run.name} | files.plain(record)
 
 
 def _keeping(run: Run) -> Keep:
-    """What is solved once, in the log of a run: a killed one goes on where it was."""
+    """A store of solved fits in the log of a run: a killed run goes on where it was."""
     done = {line["name"]: line["made"] for line in run.log() if "made" in line}
 
     def keep(name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
@@ -122,115 +121,108 @@ def _keeping(run: Run) -> Keep:
     return keep
 
 
-def _record(found: TradeOff, fit: str, seed: int, names: list[str], known: bool) -> ParetoRecord:
-    best, own = (misfits(found.parts, x[None])[0] for x in (found.least, found.fit.chi2))
+def _record(trade: TradeOff, fit: str, seed: int, names: list[str], has_noise: bool) -> ParetoRecord:
+    best, fitted = (misfits(trade.parts, x[None])[0] for x in (trade.least, trade.fit.chi2))
     return ParetoRecord(
         fit=fit, seed=seed,
         objectives=tuple(
             ParetoObjective(
                 name=p.name, values=p.whitener.count, noise_mm=p.whitener.noise_sd,
-                expected_mm=p.whitener.stated, best=float(best[k]), fit=float(own[k]),
-                excess=float(found.excess[k]),
+                expected_mm=p.whitener.stated, best=float(best[k]), fit=float(fitted[k]),
+                excess=float(trade.excess[k]),
             )
-            for k, p in enumerate(found.parts)
+            for k, p in enumerate(trade.parts)
         ),
-        threshold=found.threshold,
-        points=tuple(_point(found, one, names) for one in found.solved),
-        knee=found.knee, conflict=bool(found.conflicting) if known else None,
-        off=max(one.off for one in found.solved), told=told(found, known=known),
-        note=" ".join(_notes(found)),
+        threshold=trade.threshold,
+        points=tuple(_point(trade, solved, names) for solved in trade.solved),
+        knee=trade.knee, conflict=bool(trade.conflicting) if has_noise else None,
+        off=max(solved.off for solved in trade.solved), told=told(trade, known=has_noise),
+        note=" ".join(_notes(trade)),
     )  # fmt: skip
 
 
-def _point(found: TradeOff, one: SolvedFit, names: list[str]) -> ParetoPoint:
-    values = misfits(found.parts, one.chi2[None])[0]
+def _point(trade: TradeOff, solved: SolvedFit, names: list[str]) -> ParetoPoint:
+    values = misfits(trade.parts, solved.chi2[None])[0]
     return ParetoPoint(
-        parameters={n: float(x) for n, x in zip(names, one.theta, strict=True)},
-        misfit={p.name: float(x) for p, x in zip(found.parts, values, strict=True)},
-        rms_mm={p.name: float(x) for p, x in zip(found.parts, one.rms_mm, strict=True)},
+        parameters={n: float(x) for n, x in zip(names, solved.theta, strict=True)},
+        misfit={p.name: float(x) for p, x in zip(trade.parts, values, strict=True)},
+        rms_mm={p.name: float(x) for p, x in zip(trade.parts, solved.rms_mm, strict=True)},
     )
 
 
 # -- in words ------------------------------------------------------------------------------------------------
 
 
-def told(found: TradeOff, *, known: bool = True) -> str:
-    """What the front means: no conflict where the one fit is as good as each part alone, within noise."""
+def told(trade: TradeOff, *, known: bool = True) -> str:
+    """A sentence on the front: no conflict where the one fit is as good as each part alone, within noise."""
     if not known:
         return ("Nothing is known of the noise, so that it cannot be said whether these objectives "
                 "contradict each other.")  # fmt: skip
-    every = ", ".join(p.name for p in found.parts[:-1]) + f" and {found.parts[-1].name}"
-    if not found.conflicting:
+    every = ", ".join(p.name for p in trade.parts[:-1]) + f" and {trade.parts[-1].name}"
+    if not trade.conflicting:
         return f"No conflict: within noise, the one fit is as good for {every} as a fit of each alone."
-    best, own = (misfits(found.parts, x[None])[0] for x in (found.least, found.fit.chi2))
+    best, fitted = (misfits(trade.parts, x[None])[0] for x in (trade.least, trade.fit.chi2))
     missed = ", ".join(
-        f"{p.name} is missed by {own[k]:.3g} times its errors, fitted alone by {best[k]:.3g}"
-        for k, p in enumerate(found.parts)
-        if p.name in found.conflicting
+        f"{p.name} is missed by {fitted[k]:.3g} times its errors, fitted alone by {best[k]:.3g}"
+        for k, p in enumerate(trade.parts)
+        if p.name in trade.conflicting
     )
     return (f"Conflict of {every}: by the one fit {missed}. No constants fit all of them: model and data "
             "contradict each other there, and `twin diagnose` asks why.")  # fmt: skip
 
 
-def _notes(found: TradeOff) -> Iterator[str]:
-    if found.unsettled:
-        yield (f"The fit of {' and '.join(found.unsettled)} alone has not converged: "
+def _notes(trade: TradeOff) -> Iterator[str]:
+    if trade.unsettled:
+        yield (f"The fit of {' and '.join(trade.unsettled)} alone has not converged: "
                "it may be better than shown.")  # fmt: skip
-    least = misfits(found.parts, found.least[None])[0]
-    if found.lacking:
-        yield (f"Even fitted alone, {' and '.join(found.lacking)} {'are' if found.lacking[1:] else 'is'} not "
+    least = misfits(trade.parts, trade.least[None])[0]
+    if trade.lacking:
+        yield (f"Even fitted alone, {' and '.join(trade.lacking)} {'are' if trade.lacking[1:] else 'is'} not "
                "fitted: the model lacks something, and `twin diagnose` asks what.")  # fmt: skip
-    room = min(_noise(found) - least)
-    if (off := max(one.off for one in found.solved)) > OFF * room:
+    room = min(_noise(trade) - least)
+    if (off := max(solved.off for solved in trade.solved)) > OFF * room:
         yield (f"The response was up to {off:.2g} off: what is said rests on the whole solves, and a better "
                "point may lie between them.")  # fmt: skip
 
 
-def _noise(found: TradeOff) -> Any:
+def _noise(trade: TradeOff) -> Any:
     """Misfits (m,) up to which noise alone leads from the best of each part."""
-    return misfits(found.parts, (found.least + found.threshold)[None])[0]
+    return misfits(trade.parts, (trade.least + trade.threshold)[None])[0]
 
 
-def _table(made: ParetoRecord, found: TradeOff) -> list[str]:
+def _table(record: ParetoRecord, trade: TradeOff) -> list[str]:
     """A line an objective: its errors, and its misfit alone, at the knee, by the one fit."""
-    knee, noise = made.points[made.knee], map(float, _noise(found))
+    knee, noise = record.points[record.knee], map(float, _noise(trade))
     head = ("misfit over its errors", "expected, mm", "alone", "at the knee", "one fit", "within noise to")
-    cells: list[tuple[str, ...]] = [head]
-    cells += [
+    cells = [
         (o.name, *map(short, (o.expected_mm, o.best, knee.misfit[o.name], o.fit, x)))
-        for o, x in zip(made.objectives, noise, strict=True)
+        for o, x in zip(record.objectives, noise, strict=True)
     ]
-    wide = [max(len(line[k]) for line in cells) for k in range(len(head))]
-    at = ", ".join(f"{name} = {short(x)}" for name, x in knee.parameters.items())
-    lines = ["  ".join(f"{c:<{w}}" for c, w in zip(line, wide, strict=True)).rstrip() for line in cells]
-    return [*lines, f"Knee: {at}."]
+    constants = ", ".join(f"{name} = {short(x)}" for name, x in knee.parameters.items())
+    return [*DataTable(head, cells).lines(), f"Knee: {constants}."]
 
 
 # -- files ---------------------------------------------------------------------------------------------------
 
 
-def _csv(found: TradeOff, names: list[str]) -> str:
+def _csv(trade: TradeOff, names: list[str]) -> str:
     """A line a point of the front: its parameters and misfits; those that were solved whole with their rms in
     mm."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    parts = [p.name for p in found.parts]
-    writer.writerow(["point", *names, *(f"misfit {n}" for n in parts), *(f"rms_mm {n}" for n in parts)])
-
-    def row(what: str, one: SolvedFit) -> list[Any]:
-        values = misfits(found.parts, one.chi2[None])[0]
-        return [what, *(f"{x:.8g}" for x in (*one.theta, *values, *one.rms_mm))]
-
-    writer.writerow(row("one fit", found.fit))
-    for k, one in enumerate(found.solved):
-        writer.writerow(row("knee" if k == found.knee else "solved", one))
-    for theta, values in zip(found.front.theta, found.front.values, strict=True):
-        writer.writerow(["response", *(f"{x:.8g}" for x in (*theta, *values)), *("" for _ in parts)])
-    return out.getvalue()
+    parts = [p.name for p in trade.parts]
+    columns = ["point", *names, *(f"misfit {n}" for n in parts), *(f"rms_mm {n}" for n in parts)]
+    solved = [("one fit", trade.fit)]
+    solved += [("knee" if k == trade.knee else "solved", fit) for k, fit in enumerate(trade.solved)]
+    rows: list[list[Any]] = [
+        [kind, *map(float, (*fit.theta, *misfits(trade.parts, fit.chi2[None])[0], *fit.rms_mm))]
+        for kind, fit in solved
+    ]
+    for theta, values in zip(trade.front.theta, trade.front.values, strict=True):
+        rows.append(["response", *map(float, (*theta, *values)), *(None for _ in parts)])
+    return DataTable(columns, rows).csv(digits=8)
 
 
-def _picture(found: TradeOff) -> bytes:
+def _picture(trade: TradeOff) -> bytes:
     return draw_front(
-        [p.name for p in found.parts], front=found.front.values, solved=found.values, knee=found.knee,
-        fit=np.asarray(misfits(found.parts, found.fit.chi2[None])[0]), noise=_noise(found),
+        [p.name for p in trade.parts], front=trade.front.values, solved=trade.values, knee=trade.knee,
+        fit=np.asarray(misfits(trade.parts, trade.fit.chi2[None])[0]), noise=_noise(trade),
     )  # fmt: skip

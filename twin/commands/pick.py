@@ -18,6 +18,7 @@ from twin.inputs.recordings import marks_of
 from twin.messages import Say
 from twin.project.folder import Project
 from twin.project.toml import with_point, write
+from twin.table import DataTable
 from twin.targets import Array
 from twin.validation import decoded
 
@@ -50,7 +51,7 @@ class FoundFeature:
 
 @dataclass(frozen=True)
 class _Outline:
-    """The finger as it is seen from the side, without load, as a mask."""
+    """Mask of the unloaded finger in side view."""
 
     mask: NDArray[np.uint8]
     low: Array  # (2,) mm, x and z of its first pixel
@@ -68,7 +69,7 @@ class _Outline:
         return cls(np.asarray(cv2.dilate(mask, disc), np.uint8), low)
 
     def holds(self, places: Array) -> bool:
-        """Whether all places (k,2) mm lie in it: what hangs over its edge shows the wall behind."""
+        """True if all places (k, 2) mm lie inside: a patch over the edge shows the wall behind."""
         x, z = np.round((places - self.low) * PER_MM).astype(int).T
         height, width = self.mask.shape
         inside = (x >= 0) & (x < width) & (z >= 0) & (z < height)
@@ -102,15 +103,15 @@ def run_pick(
     if done is not None:
         say(f"Already done: {project.shown(done / 'features.png')}")
         return result_of(project, "pick", done, skipped=True)
-    found, side, picture = _features(project, size_mm, sag_mm)
+    features, side, picture = _features(project, size_mm, sag_mm)
     with project.new_run("pick", **how) as run:
-        run.write_text("features.csv", _csv(found, side))
-        run.write_bytes("features.png", _sheet(picture, found))
-        run.summary.update(features=len(found), size_mm=side)
-        run.summary["headline"] = f"{len(found)} features of {side:g} mm"
-    shown = project.shown(run.path("features.png"))
-    say(f"Wrote {shown}: {len(found)} features that can be followed, best first. Name those you want: "
-        "`twin pick --name tip=1`.")  # fmt: skip
+        run.write_text("features.csv", _csv(features, side))
+        run.write_bytes("features.png", _sheet(picture, features))
+        run.summary.update(features=len(features), size_mm=side)
+        run.summary["headline"] = f"{len(features)} features of {side:g} mm"
+    picture_path = project.shown(run.path("features.png"))
+    say(f"Wrote {picture_path}: {len(features)} features that can be followed, best first. Name those you "
+        "want: `twin pick --name tip=1`.")  # fmt: skip
     return result_of(project, "pick", run.folder)
 
 
@@ -136,47 +137,47 @@ def _features(
                          f"{MIN_VISIBLE} or more; `twin check` draws which")  # fmt: skip
     places = np.array([mark.position for mark in marks])
     homography = fit_homography(places[frame][:, [0, 2]], warp[frame, :2, 2])
-    known = np.isfinite(warp[:, 0, 0])
+    visible = np.isfinite(warp[:, 0, 0])
     scale = float(np.median(2.0 * px_per_unit(warp[frame]) / [marks[p].size_mm for p in frame]))
     side_px = round(SIDE_PX if size_mm is None else size_mm * scale)
-    reach = PAPER * px_per_unit(warp[known]) + 0.75 * side_px  # corner to corner, and 2 px of blur
-    busy = taken(picture.shape, camera.distort(warp[known, :2, 2]), reach)
+    reach = PAPER * px_per_unit(warp[visible]) + 0.75 * side_px  # corner to corner, and 2 px of blur
+    busy = taken(picture.shape, camera.distort(warp[visible, :2, 2]), reach)
     structure, plane = structure_of(project), float(places[frame, 1].mean())
     faces, behind = structure.case.nodes[structure.outside], one_side(project) and plane < 0.0
     side, outline = side_px / scale, _Outline.of(faces[..., [0, 2]], sag_mm)
 
     def on_finger(seen: Array) -> Array:
-        stated = np.array([seen[0], abs(plane) if behind else plane, seen[1]])
-        return nearest_on_faces(structure.case.element, faces, stated) * (1.0, -1.0 if behind else 1.0, 1.0)
+        position = np.array([seen[0], abs(plane) if behind else plane, seen[1]])
+        return nearest_on_faces(structure.case.element, faces, position) * (1.0, -1.0 if behind else 1.0, 1.0)
 
-    found = []
+    features = []
     for feature in find_textures(picture, side_px=side_px, allowed=~busy):
         seen = to_plane(homography[None], camera.undistort(np.array(feature.centre))[None, None])[0, 0]
         if outline.holds(seen + 0.5 * side * CORNERS):
-            found.append(FoundFeature(feature, seen, on_finger(seen)))
-    if not found:
+            features.append(FoundFeature(feature, seen, on_finger(seen)))
+    if not features:
         raise ValueError(
             f"the first picture of {table.film} shows no feature of {side:.3g} mm on the finger that can be "
             "followed; wanted texture, such as painted spots or pores: state another --size-mm, or --sag-mm "
             "where the finger hangs at rest, or glue markers"
         )
-    return found, round(side, 2), picture
+    return features, round(side, 2), picture
 
 
-def _csv(found: Sequence[FoundFeature], side: float) -> str:
+def _csv(features: Sequence[FoundFeature], side: float) -> str:
     rows = [
         [k + 1, *np.round(c.feature.centre, 2), *np.round(c.seen, 3), side, f"{c.feature.sd_px:.4f}",
          *np.round(c.nearest, 3), round(c.away, 2)]
-        for k, c in enumerate(found)
+        for k, c in enumerate(features)
     ]  # fmt: skip
-    return "\n".join([",".join(COLUMNS), *(",".join(str(v) for v in row) for row in rows), ""])
+    return DataTable(COLUMNS, rows).csv(digits=None)
 
 
-def _sheet(picture: Any, found: Sequence[FoundFeature]) -> bytes:
+def _sheet(picture: Any, features: Sequence[FoundFeature]) -> bytes:
     """The picture with every feature's number, as PNG."""
     from vision.drawing.ringsheet import numbered
 
-    drawn = numbered(picture, np.array([c.feature.centre for c in found]).reshape(-1, 2))
+    drawn = numbered(picture, np.array([c.feature.centre for c in features]).reshape(-1, 2))
     return bytes(cv2.imencode(".png", drawn)[1])
 
 
@@ -194,7 +195,7 @@ def _named(project: Project, say: Say, names: Sequence[str]) -> dict[str, Any]:
                              "wanted one of them")  # fmt: skip
         text = with_point(text, {"name": name, **rows[number]})
     write(project.root / "twin.toml", text)  # names what does not fit, as a name that stands twice
-    added = [_pair(given)[0] for given in names]
+    added = [_pair(text)[0] for text in names]
     say(f"Added to the points of twin.toml: {', '.join(added)}. Their position_mm is the place of the "
         "model's surface nearest to where they are seen: correct it where the finger sags.")  # fmt: skip
     return {"stage": "pick", "status": "done", "points": added}
@@ -214,8 +215,8 @@ def _rows(path: Path) -> dict[int, dict[str, Any]]:
     }
 
 
-def _pair(given: str) -> tuple[str, int]:
-    found = re.fullmatch(r"([A-Za-z0-9_.+-]+)=(\d+)", given)
-    if not found:
-        raise ValueError(f"--name {given}: wanted a name and a number of features.png, such as tip=7")
-    return found[1], int(found[2])
+def _pair(text: str) -> tuple[str, int]:
+    match = re.fullmatch(r"([A-Za-z0-9_.+-]+)=(\d+)", text)
+    if not match:
+        raise ValueError(f"--name {text}: wanted a name and a number of features.png, such as tip=7")
+    return match[1], int(match[2])

@@ -1,9 +1,6 @@
 """The command posterior: how likely the parameters of the newest fit are, all together, by a Markov chain."""
 
-import csv
-import io
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -32,6 +29,7 @@ from twin.messages import Say
 from twin.numerals import interval, short, value
 from twin.project.folder import Project, Run
 from twin.records import Maybe, Record
+from twin.table import DataTable
 from twin.tablemodel import Finite
 from twin.targets import Array, Targets
 
@@ -82,7 +80,7 @@ class PosteriorRecord(Record):
 
 @dataclass(frozen=True)
 class RunKeeping:
-    """What a sampler keeps, in the folder of a run: solves.npz, chain.npz, and decisions in its log."""
+    """Store of a sampler in the folder of a run: solves.npz, chain.npz, and decisions in its log."""
 
     run: Run
     say: Say
@@ -90,17 +88,22 @@ class RunKeeping:
     def solve(self, theta: Array) -> WholeSolve | None:
         """A whole solve at theta (d,) of before."""
         every = self._solves()
-        at: Any = np.flatnonzero([np.array_equal(t, theta) for t in every["theta"]]) if every else []
-        if not len(at):
+        rows: Any = np.flatnonzero([np.array_equal(t, theta) for t in every["theta"]]) if every else []
+        if not len(rows):
             return None
-        k = int(at[0])
+        k = int(rows[0])
         return WholeSolve(theta, every["u"][k], every["jacobian"][k], float(every["moved"][k]))
 
     def add_solve(self, solve: WholeSolve) -> None:
         """Keep a whole solve."""
-        own = {"theta": solve.theta, "u": solve.u, "jacobian": solve.jacobian, "moved": np.array(solve.moved)}
+        arrays = {
+            "theta": solve.theta,
+            "u": solve.u,
+            "jacobian": solve.jacobian,
+            "moved": np.array(solve.moved),
+        }
         before = self._solves()
-        rows = {k: np.concatenate([before[k], x[None]]) if before else x[None] for k, x in own.items()}
+        rows = {k: np.concatenate([before[k], x[None]]) if before else x[None] for k, x in arrays.items()}
         self.run.write_npz("solves.npz", rows)
 
     def _solves(self) -> dict[str, Array]:
@@ -108,23 +111,23 @@ class RunKeeping:
         return files.read_npz(path, "theta", "u", "jacobian", "moved") if path.is_file() else {}
 
     def chain(self, number: int) -> Chain | None:
-        """The chain of that number, as far as it went."""
+        """The stored chain of a number, complete or not."""
         path = self.run.path("chain.npz")
         if not path.is_file():
             return None
-        found = files.read_npz(path, "number", "positions", "log_density", "accepted", "key", "place")
-        return Chain.of(found) if int(found["number"]) == number else None
+        arrays = files.read_npz(path, "number", "positions", "log_density", "accepted", "key", "place")
+        return Chain.of(arrays) if int(arrays["number"]) == number else None
 
     def set_chain(self, number: int, chain: Chain, most: int) -> None:
-        """Keep a chain in place of that of before."""
+        """Keep a chain in place of the former state."""
         self.run.write_npz("chain.npz", {"number": np.array(number), **chain.arrays})
         self.say.progress(f"chain {number + 1}, steps", min(chain.steps, most), most)
 
     def points(self, number: int) -> Array | None:
-        """Where the chain of that number was to be checked; no points: that it was made for another."""
+        """Points (k, d) at which the chain of a number is checked; none where it was made for another."""
         logged = (line["checks"] for line in self.run.log() if "checks" in line)
-        own = next((one["theta"] for one in logged if one["chain"] == number), None)
-        return None if own is None else np.array(own, float)
+        theta = next((check["theta"] for check in logged if check["chain"] == number), None)
+        return None if theta is None else np.array(theta, float)
 
     def set_points(self, number: int, points: Array) -> None:
         """Keep where a chain is to be checked."""
@@ -165,19 +168,21 @@ def run_posterior(
         profiler = Profiler.of(bench, fit, say, errors=kept_errors(file, fit, bench.targets))
         sampler = Sampler.of(profiler, RunKeeping(run, say))
         sample = sampler.sample(seed=seed, most=steps)
-        known = profiles if profiles is not None and profiles.fit == file.parent.name else None
-        made = _record(sample, fit, file, known)
-        if made.trusted:
+        fit_profiles = profiles if profiles is not None and profiles.fit == file.parent.name else None
+        posterior = _record(sample, fit, file, fit_profiles)
+        if posterior.trusted:
             band = _Band.of(sample, sampler.whitener)
-            made = made.model_copy(update={"inside": band.inside(bench.targets)})
+            posterior = posterior.model_copy(update={"inside": band.inside(bench.targets)})
             _write_sample(run, sample, fit, band, bench.targets)
-        run.write(made)
-        run.summary["headline"] = _headline(made)
-    for line in _told(made):
+        run.write(posterior)
+        run.summary["headline"] = _headline(posterior)
+    for line in _told(posterior):
         say(line)
-    wrote = "posterior.json" if not made.trusted else "posterior.json, .csv and .png, band.csv and band.png"
+    wrote = (
+        "posterior.json" if not posterior.trusted else "posterior.json, .csv and .png, band.csv and band.png"
+    )
     say(f"Wrote {project.shown(run.folder)}/{wrote}")
-    return {"stage": "posterior", "run": run.name} | files.plain(made)
+    return {"stage": "posterior", "run": run.name} | files.plain(posterior)
 
 
 def _check(seed: int, steps: int) -> None:
@@ -216,79 +221,79 @@ def _record(sample: Sample, fit: Fit, file: Path, profiles: ProfilesRecord | Non
 
 
 def _row(name: str, fit: Fit, values: Array | None, profile: Any) -> PosteriorRow:
-    own, sd = held(fit.parameters, name), sd_of(fit, name)
-    best = own.value(fit.theta)
-    known = math.isfinite(sd)
-    x = None if values is None else np.apply_along_axis(own.value, 1, values)
+    quantity, sd = held(fit.parameters, name), sd_of(fit, name)
+    best = quantity.value(fit.theta)
+    finite = math.isfinite(sd)
+    x = None if values is None else np.apply_along_axis(quantity.value, 1, values)
     ends = (None, None) if x is None else tuple(float(q) for q in np.percentile(x, END))
     return PosteriorRow(
-        name=name, unit=own.unit, best=best,
+        name=name, unit=quantity.unit, best=best,
         mean=None if x is None else float(x.mean()), sd=None if x is None else float(x.std()),
         low_95=ends[0], high_95=ends[1],
-        low_covariance=max(best - NORMAL * sd, own.low) if known else None,
-        high_covariance=min(best + NORMAL * sd, own.high) if known else None,
+        low_covariance=max(best - NORMAL * sd, quantity.low) if finite else None,
+        high_covariance=min(best + NORMAL * sd, quantity.high) if finite else None,
         low_profile=profile and profile.low_95, high_profile=profile and profile.high_95,
         bound="" if x is None or name not in {p.name for p in fit.parameters} else _leaning(x, name, fit),
     )  # fmt: skip
 
 
 def _leaning(x: Array, name: str, fit: Fit) -> str:
-    """What its bounds do to a parameter, of which the sample has values (k,), in words; "" where nothing."""
+    """A sentence on a parameter that its bounds limit, by sample values x (k,); else empty."""
     p = next(p for p in fit.parameters if p.name == name)
     if x.std() > HARDLY * (p.high - p.low) / math.sqrt(12):
         return f"The data hardly narrow {name}: its interval is that of its bounds."
     for end, apart in ((p.low, x - p.low), (p.high, p.high - x)):
         if float(np.mean(apart < NEAR * x.std())) > LEANS:
-            at = f"{short(end)} {p.unit}".rstrip()
-            return f"{name} leans on its bound of {at}: its interval ends there because of that bound."
+            bound = f"{short(end)} {p.unit}".rstrip()
+            return f"{name} leans on its bound of {bound}: its interval ends there because of that bound."
     return ""
 
 
 # -- in words ------------------------------------------------------------------------------------------------
 
 
-def _headline(made: PosteriorRecord) -> str:
-    if not made.trusted:
-        return f"No interval: {made.doubt}."
-    return ", ".join(f"{row.name} {interval(row.low_95, row.high_95)}" for row in made.rows) + "."
+def _headline(posterior: PosteriorRecord) -> str:
+    if not posterior.trusted:
+        return f"No interval: {posterior.doubt}."
+    return ", ".join(f"{row.name} {interval(row.low_95, row.high_95)}" for row in posterior.rows) + "."
 
 
-def _told(made: PosteriorRecord) -> list[str]:
-    """What is said: the table, correlations, what bounds do, and how the chain was checked."""
-    if not made.trusted:
-        longer = f"Run `twin posterior --steps {2 * made.steps}`."
-        return [f"No interval: {made.doubt}. {longer if made.off is None else OTHERWISE}"]
-    out = [*_table(made), *(row.bound for row in made.rows if row.bound)]
-    names = [row.name for row in made.rows][: len(made.correlation)]
+def _told(posterior: PosteriorRecord) -> list[str]:
+    """Lines for the user: table, correlations, limiting bounds, checks of the chain."""
+    if not posterior.trusted:
+        longer = f"Run `twin posterior --steps {2 * posterior.steps}`."
+        return [f"No interval: {posterior.doubt}. {longer if posterior.off is None else OTHERWISE}"]
+    out = [*_table(posterior), *(row.bound for row in posterior.rows if row.bound)]
+    names = [row.name for row in posterior.rows][: len(posterior.correlation)]
     pairs = [
-        f"{a} and {b} {made.correlation[i][j]:+.2f}"
+        f"{a} and {b} {posterior.correlation[i][j]:+.2f}"
         for i, a in enumerate(names)
         for j, b in enumerate(names[:i])
-        if abs(made.correlation[i][j] or 0.0) > ALIKE
+        if abs(posterior.correlation[i][j] or 0.0) > ALIKE
     ]
     if pairs:
         out.append(f"Correlations above {ALIKE}: {', '.join(pairs)}.")
     out.append(
-        f"{made.steps} steps of {made.walkers} walkers, R-hat {made.rhat:.3f}. Where it was checked, the "
-        f"response is off whole solves by {made.off:.2g} of chi2 at most, and the errors of gauge, mesh and "
-        f"laws by {made.off_errors:.2g} of -2 ln density; {made.solves} whole solves in all."
+        f"{posterior.steps} steps of {posterior.walkers} walkers, R-hat {posterior.rhat:.3f}. Where it was "
+        f"checked, the response is off whole solves by {posterior.off:.2g} of chi2 at most, and the errors "
+        f"of gauge, mesh and laws by {posterior.off_errors:.2g} of -2 ln density; {posterior.solves} whole "
+        "solves in all."
     )
-    out.append(f"{made.inside:.0%} of the measured values lie within the 95 % band of a measurement.")
+    out.append(f"{posterior.inside:.0%} of the measured values lie within the 95 % band of a measurement.")
     return out
 
 
-def _table(made: PosteriorRecord) -> list[str]:
+def _table(posterior: PosteriorRecord) -> list[str]:
     """A line a value: mean, 95 % interval, by covariance, by profile."""
-    profiled = any(row.low_profile is not None or row.high_profile is not None for row in made.rows)
+    profiled = any(row.low_profile is not None or row.high_profile is not None for row in posterior.rows)
     cells = [["", "mean", "95 %", "by covariance", *(["by profile"] if profiled else [])]]
-    for row in made.rows:
+    for row in posterior.rows:
         line = [
             f"{row.name}, {row.unit}" if row.unit else row.name, value(row.mean, row.low_95, row.high_95),
             interval(row.low_95, row.high_95), interval(row.low_covariance, row.high_covariance),
         ]  # fmt: skip
         cells.append([*line, *([interval(row.low_profile, row.high_profile)] if profiled else [])])
-    wide = [max(len(line[k]) for line in cells) for k in range(len(cells[0]))]
-    return ["  ".join(f"{cell:<{w}}" for cell, w in zip(line, wide, strict=True)).rstrip() for line in cells]
+    return DataTable(cells[0], cells[1:]).lines()
 
 
 # -- files ---------------------------------------------------------------------------------------------------
@@ -296,8 +301,8 @@ def _table(made: PosteriorRecord) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class _Band:
-    """What the model shows over the sample: its mean (s, p, 3) mm and its 95 % ends (2, s, p, 3). outer: the
-    ends of what would be measured again, with the noise and the errors that many values share."""
+    """Predictions over the sample: mean (s, p, 3) mm and 95 % ends (2, s, p, 3). outer: ends for a repeated
+    measurement, with its noise and shared errors."""
 
     mean: Array
     ends: Array
@@ -305,36 +310,36 @@ class _Band:
 
     @staticmethod
     def of(sample: Sample, w: Whitener) -> "_Band":
-        """That of a sample."""
-        shown = sample.shown()
-        mean, variance = shown.mean(axis=0), shown.var(axis=0)
-        own = np.full(mean.shape, np.nan)
+        """The band of a sample."""
+        predictions = sample.shown()
+        mean, variance = predictions.mean(axis=0), predictions.var(axis=0)
+        noise_variance = np.full(mean.shape, np.nan)
         points, axes = w.components.T
-        own[:, points, axes] = w.sd**2 + (w.modes**2).sum(axis=0)
-        half = NORMAL * np.sqrt(variance + own)
-        return _Band(mean, np.percentile(shown, END, axis=0), np.array([mean - half, mean + half]))
+        noise_variance[:, points, axes] = w.sd**2 + (w.modes**2).sum(axis=0)
+        half = NORMAL * np.sqrt(variance + noise_variance)
+        return _Band(mean, np.percentile(predictions, END, axis=0), np.array([mean - half, mean + half]))
 
     def inside(self, targets: Targets) -> float:
         """The share of the measured values that lie within the band of a measurement."""
-        known = targets.valid & np.isfinite(self.outer[0])
+        measured = targets.valid & np.isfinite(self.outer[0])
         within = (targets.value >= self.outer[0]) & (targets.value <= self.outer[1])
-        return float(within[known].mean())
+        return float(within[measured].mean())
 
 
 def _write_sample(run: Run, sample: Sample, fit: Fit, band: _Band, targets: Targets) -> None:
     names = profiled_names([p.name for p in fit.parameters])
     every = [held(fit.parameters, name) for name in names]
-    rows = np.array([[one.value(theta) for one in every] for theta in sample.values])
-    run.write_text("posterior.csv", _csv(names, rows.tolist()))
-    titles = [f"{one.name}, {one.unit}" if one.unit else one.name for one in every]
-    best = np.array([one.value(fit.theta) for one in every])
+    rows = np.array([[quantity.value(theta) for quantity in every] for theta in sample.values])
+    run.write_text("posterior.csv", DataTable(names, rows.tolist()).csv(digits=8))
+    titles = [f"{quantity.name}, {quantity.unit}" if quantity.unit else quantity.name for quantity in every]
+    best = np.array([quantity.value(fit.theta) for quantity in every])
     run.write_bytes("posterior.png", draw_corner(rows, titles, best))
-    run.write_text("band.csv", _csv(BAND, _band_rows(band, targets)))
-    shown = [k for k, fixed in enumerate(targets.fixed) if not fixed]
+    run.write_text("band.csv", DataTable(BAND, _band_rows(band, targets)).csv(digits=6))
+    markers = [k for k, fixed in enumerate(targets.fixed) if not fixed]
     measured = np.where(targets.valid, targets.value, np.nan)
     run.write_bytes("band.png", draw_band(
-        targets.time, measured[:, shown], band.ends[:, :, shown], band.outer[:, :, shown],
-        names=[targets.names[k] for k in shown],
+        targets.time, measured[:, markers], band.ends[:, :, markers], band.outer[:, :, markers],
+        names=[targets.names[k] for k in markers],
     ))  # fmt: skip
 
 
@@ -346,16 +351,8 @@ def _band_rows(band: _Band, targets: Targets) -> list[list[Any]]:
     """A row for each measured value."""
     return [
         [
-            f"{targets.time[s]:.6g}", targets.names[p], f"U{i + 1}",
-            *(f"{x[s, p, i]:.6g}" for x in (targets.value, band.mean, *band.ends, *band.outer)),
+            float(targets.time[s]), targets.names[p], f"U{i + 1}",
+            *(float(x[s, p, i]) for x in (targets.value, band.mean, *band.ends, *band.outer)),
         ]
         for s, p, i in np.argwhere(targets.valid & np.isfinite(band.outer[0]))
     ]  # fmt: skip
-
-
-def _csv(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows([f"{x:.8g}" if isinstance(x, float) else x for x in row] for row in rows)
-    return out.getvalue()

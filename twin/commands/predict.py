@@ -1,6 +1,6 @@
 """The command predict: what the calibrated finger does under a pressure that nobody has measured."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,9 +23,11 @@ from twin.calibrated.predictions import NORMAL, Prediction, WantedCourse, predic
 from twin.commands.predictchambers import filling_notes, shares_of_words
 from twin.commands.predictobject import (
     PredictedContact,
+    PredictedForce,
     contact_csv,
     contact_picture,
     contact_rows,
+    in_N,
     pushed,
     told,
 )
@@ -41,6 +43,7 @@ from twin.model.objects import RigidObject
 from twin.project.folder import Project, Run
 from twin.records import Maybe, Record
 from twin.review.finger import write_shapes
+from twin.table import DataTable
 from twin.tablemodel import Finite
 from twin.targets import Array
 
@@ -83,18 +86,8 @@ class PredictedPressure(Record):
     high_MPa: Maybe
 
 
-class PredictedForce(Record):
-    """The force upwards on the end face that keeps its middle at its height."""
-
-    pressure_MPa: Finite
-    force_N: Finite
-    low_N: Maybe = Field(description="95 % interval; null where the fit has none")
-    high_N: Maybe
-    beyond: bool = Field(description="above the pressure that was tested")
-
-
 class PredictionRecord(Record):
-    """What the model predicts."""
+    """A prediction of the model."""
 
     file: ClassVar[str] = "predicted.json"
     points: tuple[PredictedPoint, ...] = Field(description="a row a point and time")
@@ -130,23 +123,21 @@ def run_predict(
     along the course of a log; or at the pressures that give wanted displacements."""
     if object and inverse:
         raise ValueError("--object: wanted --pressure or --course beside it, not --inverse")
-    asked_for = "" if inverse else object or project.config.model.object or ""
-    thing = RigidObject.of(asked_for) if asked_for else None
-    wanted = [Wanted.of(text) for text in inverse]
-    courses = _courses(pressure, course, ramp_s, hold_s, wanted)
+    object_text = "" if inverse else object or project.config.model.object or ""
+    obstacle = RigidObject.of(object_text) if object_text else None
+    motions = [Wanted.of(text) for text in inverse]
+    courses = _courses(pressure, course, motions, ramp_s=ramp_s, hold_s=hold_s)
     if blocked and not pressure:
         raise ValueError("--blocked: wanted a pressure beside it, such as --pressure 20kPa")
     check_embedded(project, "twin predict")
     bench = Workbench.of(project)
-    way = _gravity(bench, gravity)
-    carried = shares_of_words(bench.targets, shares)
-    courses = [replace(one, gravity=way, shares=carried) for one in courses]
-    held = partial(WantedCourse.held, ramp_s=ramp_s, hold_s=hold_s, gravity=way, shares=carried)
-    if thing is not None:
-        beside(bench.model(), courses[0], thing)  # refuses before anything is solved
-    record = files.read(FitRecord, fit_file(project))
-    places = asked(bench, [*at, *(one.point for one in wanted)])
-    tested = float(bench.targets.log_pressure.max())
+    load: dict[str, Any] = {"gravity": _gravity(bench, gravity)}
+    load["shares"] = shares_of_words(bench.targets, shares)
+    courses = [replace(each, **load) for each in courses]
+    if obstacle is not None:
+        beside(bench.model(), courses[0], obstacle)  # refuses before anything is solved
+    fit = files.read(FitRecord, fit_file(project))
+    places = asked(bench, [*at, *(motion.point for motion in motions)])
     inputs = [project.targets_folder, *project.deck_files(), *([course] if course else [])]
     extra = {
         "pressure": list(pressure), "inverse": list(inverse), "at": list(at), "ramp_s": ramp_s,
@@ -154,59 +145,68 @@ def run_predict(
     }  # fmt: skip
     with project.new_run("predict", inputs=inputs, extra=extra) as run:
         say.progress("predict", 0, 1)
-        inverted = [
-            pressure_for(bench, record, one, places, say, held) for one in wanted
-        ]
-        if wanted:
-            found, courses = [one.prediction for one in inverted], [one.course for one in inverted]
+        held = partial(WantedCourse.held, ramp_s=ramp_s, hold_s=hold_s, **load)
+        inverses = [pressure_for(bench, fit, motion, places, say, held) for motion in motions]
+        if inverses:
+            courses, predictions = [i.course for i in inverses], [i.prediction for i in inverses]
         else:
-            found = predicted(bench, record, courses, places, say)
-        forces = [blocked_force(bench, record, one, say) for one in courses] if blocked else []
-        meets = [touched(bench, record, rising(one), thing, say) for one in courses] if thing else []
-        made = PredictionRecord(
-            points=tuple(row for one in found for row in _rows(one)),
-            angles=tuple(row for one in found for row in _angles(one)),
-            tested_MPa=tested,
-            inverse=tuple(_pressure_row(one) for one in inverted),
+            predictions = predicted(bench, fit, courses, places, say)
+        forces = [blocked_force(bench, fit, each, say) for each in courses] if blocked else []
+        contacts = [touched(bench, fit, rising(each), obstacle, say) for each in courses] if obstacle else []
+        record = PredictionRecord(
+            points=tuple(row for prediction in predictions for row in _rows(prediction)),
+            angles=tuple(row for prediction in predictions for row in _angles(prediction)),
+            tested_MPa=float(bench.targets.log_pressure.max()),
+            inverse=tuple(map(_pressure_row, inverses)),
             blocked=tuple(map(_force_row, forces)),
-            object=asked_for,
-            contact=tuple(row for one in meets for row in contact_rows(one)),
-            note=" ".join(_notes(bench, courses, found)),
+            object=object_text,
+            contact=tuple(row for contact in contacts for row in contact_rows(contact)),
+            note=" ".join(_notes(bench, courses, predictions)),
         )
-        run.write(made)
-        if thing is not None:
-            run.write_text("contact.csv", contact_csv(made.contact))
-            run.write_bytes("contact.png", contact_picture(bench, meets, thing))
-        run.write_text("predicted.csv", _csv(made))
-        run.write_bytes("predicted.png", _picture(found))
-        _write_shapes(run, bench, found)
-        run.summary["headline"] = _headline(made)
-    for row in made.inverse:
-        say(f"{row.wanted} mm at {_in_kPa(row)}.")
-    for line in _table(made) if course is None else [_headline(made)]:
+        _write(run, bench, record, predictions)
+        if obstacle is not None:
+            run.write_text("contact.csv", contact_csv(record.contact))
+            run.write_bytes("contact.png", contact_picture(bench, contacts, obstacle))
+    lines = [*_lines(record, as_table=course is None)]
+    if obstacle is not None:
+        lines += [pushed(contact, obstacle) for contact in contacts]
+        lines.append(told(object_text == project.config.model.object))
+    for line in filter(None, (*lines, record.note)):
         say(line)
-    for force in made.blocked:
-        say(f"{1e3 * force.pressure_MPa:.4g} kPa: the end, kept at its height, presses with "
-            f"{_in_N(force)}.")  # fmt: skip
-    if thing is not None:
-        for line in [*(pushed(one, thing) for one in meets), told(asked_for == project.config.model.object)]:
-            say(line)
-    if made.note:
-        say(made.note)
     say(f"Wrote {project.shown(run.folder)}/predicted.csv, predicted.json and predicted.png; the shapes: "
         f"predicted.pvd for ParaView, and `rerun {run.path('predicted.rrd')}`")  # fmt: skip
-    return {"stage": "predict", "run": run.name} | files.plain(made)
+    return {"stage": "predict", "run": run.name} | files.plain(record)
+
+
+def _write(run: Run, bench: Workbench, record: PredictionRecord, predictions: Sequence[Prediction]) -> None:
+    """Write record, table, picture and shapes into a run."""
+    run.write(record)
+    run.write_text("predicted.csv", _csv(record))
+    run.write_bytes("predicted.png", _picture(predictions))
+    _write_shapes(run, bench, predictions)
+    run.summary["headline"] = _headline(record)
+
+
+def _lines(record: PredictionRecord, *, as_table: bool) -> Iterator[str]:
+    """Lines for the user: pressures that were sought, displacements, blocked forces."""
+    for row in record.inverse:
+        yield f"{row.wanted} mm at {_in_kPa(row)}."
+    yield from _table(record) if as_table else [_headline(record)]
+    for force in record.blocked:
+        pressure = f"{1e3 * force.pressure_MPa:.4g} kPa"
+        yield f"{pressure}: the end, kept at its height, presses with {in_N(force)}."
 
 
 def _courses(
-    pressure: Sequence[str], course: Path | None, ramp_s: float, hold_s: float, wanted: Sequence[Wanted]
+    pressure: Sequence[str], course: Path | None, motions: Sequence[Wanted], *, ramp_s: float, hold_s: float
 ) -> list[WantedCourse]:
-    """What is to be predicted, but for what is wanted. ValueError where not one way of asking is taken."""
-    ways = [bool(pressure), course is not None, bool(wanted)]
-    if sum(ways) != 1:
+    """Courses of the pressure that are asked for; none for --inverse. ValueError unless exactly one of
+    --pressure, --course and --inverse is given."""
+    options = [bool(pressure), course is not None, bool(motions)]
+    if sum(options) != 1:
         raise ValueError(
             "wanted one of --pressure, such as --pressure 20kPa, once for each, --course with a pressure "
-            f"log, and --inverse, such as --inverse tip.U3=-40; {sum(ways) or 'none'} of them are given"
+            f"log, and --inverse, such as --inverse tip.U3=-40; {sum(options) or 'none'} of them are given"
         )
     check_times(ramp_s, hold_s)
     if course is not None:
@@ -221,10 +221,10 @@ def _gravity(bench: Workbench, text: str) -> Array | None:
     if not text:
         return None
     try:
-        way = np.array([float(word) for word in text.split(",")])
+        direction = np.array([float(word) for word in text.split(",")])
     except ValueError:
-        way = np.zeros(0)
-    if way.shape != (3,) or not np.isfinite(way).all() or not way.any():
+        direction = np.zeros(0)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise ValueError(
             f"--gravity {text!r}: wanted its direction X,Y,Z in world axes, such as 0,0,-1 (x along the "
             "finger, z up)"
@@ -235,7 +235,7 @@ def _gravity(bench: Workbench, text: str) -> Array | None:
             f"--gravity {text}: the model has no weight; give density_kg_m3 and gravity under [model] in "
             "twin.toml, and run `twin calibrate`"
         )
-    return np.asarray(way / np.linalg.norm(way))
+    return np.asarray(direction / np.linalg.norm(direction))
 
 
 def check_times(ramp_s: float, hold_s: float) -> None:
@@ -245,115 +245,116 @@ def check_times(ramp_s: float, hold_s: float) -> None:
             raise ValueError(f"{name} {value:g}: wanted a time in s, above 0")
 
 
-def _picture(found: Sequence[Prediction]) -> bytes:
+def _picture(predictions: Sequence[Prediction]) -> bytes:
     """Over pressure where several states are held, over time where a course is followed."""
-    held = all(len(one.time) == 1 for one in found)
-    some = sorted(found, key=lambda one: float(one.pressure[0])) if held else found
-    u, half = np.concatenate([one.u for one in some]), NORMAL * np.concatenate([one.sd for one in some])
-    pressure = np.concatenate([one.pressure for one in some])
+    held = all(len(prediction.time) == 1 for prediction in predictions)
+    ordered = sorted(predictions, key=lambda one: float(one.pressure[0])) if held else predictions
+    u, half = (
+        np.concatenate([prediction.u for prediction in ordered]),
+        NORMAL * np.concatenate([prediction.sd for prediction in ordered]),
+    )
+    pressure = np.concatenate([prediction.pressure for prediction in ordered])
     return draw_prediction(
-        1e3 * pressure if held else found[0].time, u, None if found[0].why else half, names=found[0].names,
-        label="pressure, kPa" if held else "time, s", beyond=np.concatenate([one.beyond for one in some]),
+        1e3 * pressure if held else ordered[0].time, u, None if ordered[0].why else half,
+        names=ordered[0].names, label="pressure, kPa" if held else "time, s",
+        beyond=np.concatenate([prediction.beyond for prediction in ordered]),
     )  # fmt: skip
 
 
-def _write_shapes(run: Run, bench: Workbench, found: Sequence[Prediction]) -> None:
+def _write_shapes(run: Run, bench: Workbench, predictions: Sequence[Prediction]) -> None:
     """The deformed finger at SHAPES of what is predicted, for ParaView and rerun."""
-    u, pressure, time = (np.concatenate([getattr(one, key) for one in found])
+    u, pressure, time = (np.concatenate([getattr(prediction, key) for prediction in predictions])
                          for key in ("shape", "pressure", "time"))  # fmt: skip
-    held = all(len(one.time) == 1 for one in found)
+    held = all(len(prediction.time) == 1 for prediction in predictions)
     rows = np.argsort(pressure, kind="stable") if held else np.arange(len(u))
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(SHAPES, len(rows))).round().astype(int))]
-    nodes, own = bench.case.nodes, triangles(bench.structure.outside)
+    nodes, surface = bench.case.nodes, triangles(bench.structure.outside)
     write_vtu_series(
         run.folder, "predicted", nodes=nodes, cells=bench.case.connectivity,
         times=list(1e3 * pressure[rows] if held else time[rows]), fields={"U": u[rows]},
     )  # fmt: skip
     write_shapes(
-        run.path("predicted.rrd"), nodes=nodes, triangles=own, u=u[rows], pressure=pressure[rows],
+        run.path("predicted.rrd"), nodes=nodes, triangles=surface, u=u[rows], pressure=pressure[rows],
         time=time[rows], held=held,
     )  # fmt: skip
 
 
-def _force_row(one: Blocked) -> PredictedForce:
-    low, high = one.interval or (None, None)
+def _force_row(blocked: Blocked) -> PredictedForce:
+    low, high = blocked.interval or (None, None)
     return PredictedForce(
-        pressure_MPa=one.pressure, force_N=one.force, low_N=low, high_N=high, beyond=one.beyond
+        pressure_MPa=blocked.pressure, force_N=blocked.force, low_N=low, high_N=high, beyond=blocked.beyond
     )
 
 
-def _in_N(row: PredictedForce) -> str:
-    if row.low_N is None or row.high_N is None:
-        return f"{row.force_N:.3g} N"
-    return f"{row.force_N:.3g} N (95 %: {row.low_N:.3g} to {row.high_N:.3g})"
-
-
-def _pressure_row(one: Inverse) -> PredictedPressure:
-    low, high = one.interval or (None, None)
+def _pressure_row(inverse: Inverse) -> PredictedPressure:
+    low, high = inverse.interval or (None, None)
     return PredictedPressure(
-        wanted=one.wanted.words, pressure_MPa=one.pressure, low_MPa=low, high_MPa=high
+        wanted=inverse.wanted.words, pressure_MPa=inverse.pressure, low_MPa=low, high_MPa=high
     )
 
 
 def _in_kPa(row: PredictedPressure) -> str:
-    told = f"{1e3 * row.pressure_MPa:.4g} kPa"
+    text = f"{1e3 * row.pressure_MPa:.4g} kPa"
     if row.low_MPa is None or row.high_MPa is None:
-        return told
-    return f"{told} (95 %: {1e3 * row.low_MPa:.4g} to {1e3 * row.high_MPa:.4g})"
+        return text
+    return f"{text} (95 %: {1e3 * row.low_MPa:.4g} to {1e3 * row.high_MPa:.4g})"
 
 
-def _rows(one: Prediction) -> list[PredictedPoint]:
-    half = NORMAL * one.sd
+def _rows(prediction: Prediction) -> list[PredictedPoint]:
+    half = NORMAL * prediction.sd
     return [
         PredictedPoint(
-            point=name, time_s=t, pressure_MPa=p, u_mm=tuple(one.u[s, k]),
-            low_mm=(None,) * 3 if one.why else tuple(one.u[s, k] - half[s, k]),
-            high_mm=(None,) * 3 if one.why else tuple(one.u[s, k] + half[s, k]),
-            beyond=bool(one.beyond[s]),
+            point=name, time_s=t, pressure_MPa=p, u_mm=tuple(prediction.u[s, k]),
+            low_mm=(None,) * 3 if prediction.why else tuple(prediction.u[s, k] - half[s, k]),
+            high_mm=(None,) * 3 if prediction.why else tuple(prediction.u[s, k] + half[s, k]),
+            beyond=bool(prediction.beyond[s]),
         )
-        for s, (t, p) in enumerate(zip(one.time, one.pressure, strict=True))
-        for k, name in enumerate(one.names)
+        for s, (t, p) in enumerate(zip(prediction.time, prediction.pressure, strict=True))
+        for k, name in enumerate(prediction.names)
     ]  # fmt: skip
 
 
-def _angles(one: Prediction) -> list[PredictedAngle]:
-    half = NORMAL * one.angle_sd
+def _angles(prediction: Prediction) -> list[PredictedAngle]:
+    half = NORMAL * prediction.angle_sd
     return [
         PredictedAngle(
             time_s=t, pressure_MPa=p, degrees=a,
-            low=None if one.why else a - h, high=None if one.why else a + h,
+            low=None if prediction.why else a - h, high=None if prediction.why else a + h,
         )
-        for t, p, a, h in zip(one.time, one.pressure, one.angle, half, strict=True)
+        for t, p, a, h in zip(prediction.time, prediction.pressure, prediction.angle, half, strict=True)
     ]  # fmt: skip
 
 
-def _notes(bench: Workbench, courses: Sequence[WantedCourse], found: Sequence[Prediction]) -> list[str]:
-    """Why there are no intervals, what was not tested, and what the displacements are seen with."""
+def _notes(bench: Workbench, courses: Sequence[WantedCourse], predictions: Sequence[Prediction]) -> list[str]:
+    """Sentences: missing intervals, untested pressures, rates and durations, and effects of the rig."""
     out, t = [], bench.targets
-    tested, asked_for = float(t.log_pressure.max()), max(float(one.pressure.max()) for one in courses)
-    if found[0].why:
-        out.append(f"No intervals: {found[0].why}.")
-    if any(one.beyond.any() for one in found):
+    tested, asked_for = float(t.log_pressure.max()), max(float(course.pressure.max()) for course in courses)
+    if predictions[0].why:
+        out.append(f"No intervals: {predictions[0].why}.")
+    if any(course.beyond.any() for course in predictions):
         out.append(
             f"{1e3 * asked_for:.4g} kPa is beyond the {1e3 * tested:.4g} kPa that were tested: nobody has "
             "seen the silicone's law there. The intervals there include a stiffening that the film could not "
             "show, but no contact and no buckling."
         )
     out += filling_notes(t, courses[0].shares, asked_for)
-    fast, faster = _rate(t.log_time, t.log_pressure), max(_rate(one.time, one.pressure) for one in courses)
+    fast, faster = (
+        _rate(t.log_time, t.log_pressure),
+        max(_rate(course.time, course.pressure) for course in courses),
+    )
     if faster > FASTER * fast:
         out.append(
             f"The pressure changes by up to {1e3 * faster:.3g} kPa/s, in the film by {1e3 * fast:.3g} kPa/s "
             "at most: what depends on the rate was not tested there."
         )
     lasts = max(float(np.ptp(t.time[t.block == b])) for b in np.unique(t.block))
-    longer = max(float(np.ptp(one.time)) for one in courses)
+    longer = max(float(np.ptp(course.time)) for course in courses)
     if longer > LONGER * lasts:
         out.append(
             f"It lasts {longer:.3g} s, the film {lasts:.3g} s: slower creep than the film's was not tested."
         )
-    way = courses[0].gravity
-    if way is not None and t.gravity is not None and float((t.gravity @ way).max()) < TURNED:
+    direction = courses[0].gravity
+    if direction is not None and t.gravity is not None and float((t.gravity @ direction).max()) < TURNED:
         out.append("The finger was not filmed in this orientation: its density alone tells how much it sags.")
     seen = [e.label for e in bench.model().effects if e.order >= Order.GAUGE_GAIN]
     if seen:
@@ -368,11 +369,11 @@ def _rate(time: Array, pressure: Array) -> float:
     return float(np.abs(ahead - here).max()) / WINDOW
 
 
-def _headline(made: PredictionRecord) -> str:
-    top = max(made.points, key=lambda row: row.pressure_MPa)
-    rows = [row for row in made.points if row.pressure_MPa == top.pressure_MPa and row.time_s == top.time_s]
-    told = "; ".join(f"{row.point} {_cell(row, 2)} mm in U3" for row in rows)
-    return f"At {1e3 * top.pressure_MPa:.4g} kPa: {told}."
+def _headline(record: PredictionRecord) -> str:
+    top = max(record.points, key=lambda row: row.pressure_MPa)
+    rows = [row for row in record.points if row.pressure_MPa == top.pressure_MPa and row.time_s == top.time_s]
+    motions = "; ".join(f"{row.point} {_cell(row, 2)} mm in U3" for row in rows)
+    return f"At {1e3 * top.pressure_MPa:.4g} kPa: {motions}."
 
 
 def _cell(row: PredictedPoint, axis: int) -> str:
@@ -381,28 +382,26 @@ def _cell(row: PredictedPoint, axis: int) -> str:
     return f"{row.u_mm[axis] + 0.0:.2f}{half}"
 
 
-def _table(made: PredictionRecord) -> list[str]:
-    """A line a pressure and point, the angle of the tip at the end; +- is half of the 95 % interval."""
-    wide = max(len(row.point) for row in made.points)
-    heads = "".join(f"{f'{axis}, mm':>18}" for axis in AXES)
-    lines = [f"{'pressure':>10}  {'':<{wide}}{heads}   (+-: 95 %)"]
-    for angle in made.angles:
-        rows = [r for r in made.points if (r.pressure_MPa, r.time_s) == (angle.pressure_MPa, angle.time_s)]
-        for row in rows:
-            cells = "".join(f"{_cell(row, axis):>18}" for axis in range(3))
-            lines.append(f"{1e3 * row.pressure_MPa:>6.4g} kPa  {row.point:<{wide}}{cells}")
+def _table(record: PredictionRecord) -> list[str]:
+    """A line a pressure and point, then the turn of the tip; +- is half of the 95 % interval."""
+    rows, turns = [], []
+    for angle in record.angles:
+        pressure = f"{1e3 * angle.pressure_MPa:.4g} kPa"
+        at_once = [
+            r for r in record.points if (r.pressure_MPa, r.time_s) == (angle.pressure_MPa, angle.time_s)
+        ]
+        rows += [(pressure, row.point, *(_cell(row, axis) for axis in range(3))) for row in at_once]
         half = "" if angle.low is None or angle.high is None else f" +- {(angle.high - angle.low) / 2:.1f}"
-        turn = f"the tip turns by {angle.degrees:.1f}{half} degrees"
-        lines.append(f"{1e3 * angle.pressure_MPa:>6.4g} kPa  {turn}")
-    return list(dict.fromkeys(lines))
+        turns.append(f"At {pressure} the tip turns by {angle.degrees:.1f}{half} degrees.")
+    head = ("pressure", "", *(f"{axis}, mm" for axis in AXES))
+    return [*DataTable(head, list(dict.fromkeys(rows))).lines("><>"), *dict.fromkeys(turns)]
 
 
-def _csv(made: PredictionRecord) -> str:
-    heads = ",".join(f"{u}_mm,{u}_low_mm,{u}_high_mm" for u in ("u1", "u2", "u3"))
-    lines = [f"time_s,pressure_MPa,point,{heads},beyond"]
-    for row in made.points:
-        cells = [row.u_mm, row.low_mm, row.high_mm]
-        numbers = ["" if cell[k] is None else f"{cell[k]:.6g}" for k in range(3) for cell in cells]
-        begin = [f"{row.time_s:.6g}", f"{row.pressure_MPa:.6g}", row.point.replace(",", " ")]
-        lines.append(",".join([*begin, *numbers, str(row.beyond).lower()]))
-    return "\n".join(lines) + "\n"
+def _csv(record: PredictionRecord) -> str:
+    columns = [f"{u}_{end}" for u in ("u1", "u2", "u3") for end in ("mm", "low_mm", "high_mm")]
+    rows = [
+        [row.time_s, row.pressure_MPa, row.point.replace(",", " "),
+         *(ends[k] for k in range(3) for ends in (row.u_mm, row.low_mm, row.high_mm)), row.beyond]
+        for row in record.points
+    ]  # fmt: skip
+    return DataTable(["time_s", "pressure_MPa", "point", *columns, "beyond"], rows).csv(digits=6)

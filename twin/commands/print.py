@@ -51,9 +51,10 @@ def run_print(
             "twin.toml has no [[cameras]]: there is nothing to print for targets measured elsewhere"
         )
     table = project.config.cameras[0]
-    own = [file for name in _dictionaries(table) for file in dictionary_files(project, name)]
+    dictionaries = [file for name in _dictionaries(table) for file in dictionary_files(project, name)]
     how: dict[str, Any] = {
-        "tables": ("project", "cameras", "frame", "points"), "inputs": own, "extra": {"paper": paper},
+        "tables": ("project", "cameras", "frame", "points"), "inputs": dictionaries,
+        "extra": {"paper": paper},
     }  # fmt: skip
     done = project.done("print", **how)
     if done is not None:
@@ -102,10 +103,10 @@ def _board(project: Project, table: CameraTable) -> Item:
     assert stated is not None
     name = dictionary_name(project, stated.dictionary)
     board = Board.of(**stated.model_dump() | {"marker_mm": stated.marker_mm or 0.0, "dictionary": name})
-    said = f"board {stated.kind}  {stated.columns} x {stated.rows}  squares {stated.square_mm:g} mm"
+    lines = f"board {stated.kind}  {stated.columns} x {stated.rows}  squares {stated.square_mm:g} mm"
     if stated.kind == "charuco":
-        said += f"  markers {stated.marker_mm:g} mm  {stated.dictionary}"
-    return Item(board.artwork(), (said,))
+        lines += f"  markers {stated.marker_mm:g} mm  {stated.dictionary}"
+    return Item(board.artwork(), (lines,))
 
 
 def layout(items: Sequence[Item], *, paper: str, title: str) -> Paper:

@@ -1,7 +1,5 @@
-"""The command profile: how well each parameter of the newest fit is known, by its likelihood profile."""
+"""The command profile: likelihood profiles of the parameters of the newest fit."""
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,6 +25,7 @@ from twin.messages import Say
 from twin.numerals import interval, short, value
 from twin.project.folder import Project, Run
 from twin.records import Maybe, Record
+from twin.table import DataTable
 from twin.tablemodel import Finite
 
 APART = 0.25  # of half of an interval by covariance, by which an end of the profile's differs: it is told
@@ -81,19 +80,19 @@ def run_profile(
     check_embedded(project, "twin profile")
     file = fit_file(project)
     record = files.read(FitRecord, file)
-    wanted = _wanted(record, names)
+    chosen = _wanted(record, names)
     if why := why_none(record):
         raise ValueError(
             f"no profiles: {why}, and how far its parameters may go then means nothing; find what it lacks "
             "with twin diagnose, or measure more"
         )
     bench, fit = Workbench.of(project), record.fit
-    extra = {"names": list(wanted), "fit": file.parent.name}
+    extra = {"names": list(chosen), "fit": file.parent.name}
     inputs = [project.targets_folder, *project.deck_files(), *project.effect_files()]
     with project.new_run("profile", inputs=inputs, extra=extra) as run:
-        rows = _rows(bench, file, fit, wanted, run, say)
-        made = ProfilesRecord(fit=file.parent.name, profiles=rows, note=" ".join(_notes(rows)))
-        run.write(made)
+        rows = _rows(bench, file, fit, chosen, run, say)
+        profiles = ProfilesRecord(fit=file.parent.name, profiles=rows, note=" ".join(_notes(rows)))
+        run.write(profiles)
         run.write_text("profile.csv", _csv(rows, [p.name for p in fit.parameters]))
         run.write_bytes("profile.png", _picture(rows, fit))
         run.summary["headline"] = _headline(rows)
@@ -102,29 +101,31 @@ def run_profile(
     for row in rows:
         if row.known != IDENTIFIED:
             say(row.sentence)
-    if made.note:
-        say(made.note)
+    if profiles.note:
+        say(profiles.note)
     say(f"All ends are whole solves of the model, {sum(row.solves for row in rows)} in all.")
     say(f"Wrote {project.shown(run.folder)}/profile.csv, profile.json and profile.png")
-    return {"stage": "profile", "run": run.name} | files.plain(made)
+    return {"stage": "profile", "run": run.name} | files.plain(profiles)
 
 
 def _wanted(record: FitRecord, names: Sequence[str]) -> tuple[str, ...]:
-    known = profiled_names(list(record.parameters))
+    available = profiled_names(list(record.parameters))
     for name in names:
-        if name not in known:
-            raise ValueError(f"profile {name!r}: not in the newest fit; wanted some of {', '.join(known)}")
-    return tuple(dict.fromkeys(names)) or known
+        if name not in available:
+            raise ValueError(
+                f"profile {name!r}: not in the newest fit; wanted some of {', '.join(available)}"
+            )
+    return tuple(dict.fromkeys(names)) or available
 
 
 def _rows(
-    bench: Workbench, file: Path, fit: Fit, wanted: Sequence[str], run: Run, say: Say
+    bench: Workbench, file: Path, fit: Fit, chosen: Sequence[str], run: Run, say: Say
 ) -> tuple[ProfileRow, ...]:
-    """A row a name; those of a killed run are taken from its log."""
+    """A row a name; a killed run's rows come from its log."""
     former = (ProfileRow.model_validate(line["profile"]) for line in run.log() if "profile" in line)
     done = {row.name: row for row in former}
-    left = [name for name in wanted if name not in done]
-    ended, total = ENDS * (len(wanted) - len(left)), ENDS * len(wanted)
+    missing = [name for name in chosen if name not in done]
+    ended, total = ENDS * (len(chosen) - len(missing)), ENDS * len(chosen)
 
     def step() -> None:
         nonlocal ended
@@ -132,12 +133,12 @@ def _rows(
         say.progress("profile", ended, total)
 
     say.progress("profile", ended, total)
-    if left:
+    if missing:
         profiler = Profiler.of(bench, fit, say, errors=kept_errors(file, fit, bench.targets))
-        for profile in profiler.profiles(left, step):
+        for profile in profiler.profiles(missing, step):
             done[profile.name] = _row(profile, fit)
             run.append({"profile": files.plain(done[profile.name])})
-    return tuple(done[name] for name in wanted)
+    return tuple(done[name] for name in chosen)
 
 
 def _row(profile: Profile, fit: Fit) -> ProfileRow:
@@ -161,18 +162,18 @@ def _named(fit: Fit, theta: Any) -> dict[str, float]:
 
 def _by_covariance(name: str, fit: Fit) -> tuple[float | None, float | None]:
     """The 95 % interval by the covariance of the fit, cut at the bounds."""
-    sd, own = sd_of(fit, name), held(fit.parameters, name)
+    sd, quantity = sd_of(fit, name), held(fit.parameters, name)
     if not math.isfinite(sd):
         return None, None
-    best = own.value(fit.theta)
-    return max(best - NORMAL * sd, own.low), min(best + NORMAL * sd, own.high)
+    best = quantity.value(fit.theta)
+    return max(best - NORMAL * sd, quantity.low), min(best + NORMAL * sd, quantity.high)
 
 
 # -- in words ------------------------------------------------------------------------------------------------
 
 
 def _sentence(profile: Profile) -> str:
-    """What the profile says, one sentence."""
+    """A sentence on the class of a profile."""
     name, (low, high) = profile.name, profile.ends[-1]
     if profile.known == IDENTIFIED:
         return f"The data hold {name} on both sides."
@@ -181,18 +182,18 @@ def _sentence(profile: Profile) -> str:
             f"The data do not hold {name}: every value from {short(low.value)} to {short(high.value)} "
             f"{profile.unit}".rstrip() + " agrees with them."
         )
-    open_, side, other = (low, "below", "above") if low.limit else (high, "above", "below")
-    return f"The data hold {name} from {other} only: {side}, {_limit(open_, side, profile.unit)}."
+    open_, side, closed_side = (low, "below", "above") if low.limit else (high, "above", "below")
+    return f"The data hold {name} from {closed_side} only: {side}, {_limit(open_, side, profile.unit)}."
 
 
 def _limit(end: End, side: str, unit: str) -> str:
-    at = f"{short(end.value)} {unit}".rstrip()
+    end_value = f"{short(end.value)} {unit}".rstrip()
     if end.limit == "bound":
-        return f"every value down to its bound of {at} agrees" if side == "below" else (
-            f"every value up to its bound of {at} agrees")  # fmt: skip
+        return f"every value down to its bound of {end_value} agrees" if side == "below" else (
+            f"every value up to its bound of {end_value} agrees")  # fmt: skip
     if end.limit == "unsolvable":
-        return f"they agree with every value to {at}, beyond which the model has no stable equilibrium"
-    return f"they agree with every value to {at}, where the search gave up"
+        return f"they agree with every value to {end_value}, beyond which the model has no stable equilibrium"
+    return f"they agree with every value to {end_value}, where the search gave up"
 
 
 def _notes(rows: Sequence[ProfileRow]) -> list[str]:
@@ -213,7 +214,7 @@ def _notes(rows: Sequence[ProfileRow]) -> list[str]:
 
 
 def _differs(row: ProfileRow) -> bool:
-    """Whether an end of the profile lies a quarter of half an interval off that by covariance."""
+    """True if an end of the profile lies more than APART of half an interval off the end by covariance."""
     if row.low_covariance is None or row.high_covariance is None:
         return False
     room = APART * (row.high_covariance - row.low_covariance) / 2
@@ -229,7 +230,7 @@ def _headline(rows: Sequence[ProfileRow]) -> str:
 
 
 def _span(row: ProfileRow) -> str:
-    """The 95 % interval by the profile; one of one side where it has no other end."""
+    """The 95 % interval by the profile; one-sided where the other end is open."""
     if row.low_95 is not None and row.high_95 is not None:
         return interval(row.low_95, row.high_95)
     if row.high_95 is not None:
@@ -239,16 +240,15 @@ def _span(row: ProfileRow) -> str:
 
 def _table(rows: Sequence[ProfileRow]) -> list[str]:
     """A line a name: value, 95 % interval by profile and by covariance, class."""
-    cells = [("", "value", "95 % by profile", "by covariance", "")]
-    cells += [
+    head = ("", "value", "95 % by profile", "by covariance", "")
+    cells = [
         (
             f"{row.name}, {row.unit}" if row.unit else row.name, value(row.value, row.low_95, row.high_95),
             _span(row), interval(row.low_covariance, row.high_covariance), row.known,
         )
         for row in rows
     ]  # fmt: skip
-    wide = [max(len(line[k]) for line in cells) for k in range(5)]
-    return ["  ".join(f"{cell:<{w}}" for cell, w in zip(line, wide, strict=True)).rstrip() for line in cells]
+    return DataTable(head, cells).lines()
 
 
 # -- files ---------------------------------------------------------------------------------------------------
@@ -256,14 +256,13 @@ def _table(rows: Sequence[ProfileRow]) -> list[str]:
 
 def _csv(rows: Sequence[ProfileRow], names: Sequence[str]) -> str:
     """A line a point that was solved, with all parameters as they were fitted anew."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["name", "unit", "value", "deviance", *names])
-    for row in rows:
-        for point in row.points:
-            numbers = [point.value, point.deviance, *(point.parameters[name] for name in names)]
-            writer.writerow([row.name, row.unit, *(f"{x:.8g}" for x in numbers)])
-    return out.getvalue()
+    columns = ["name", "unit", "value", "deviance", *names]
+    cells = [
+        [row.name, row.unit, point.value, point.deviance, *(point.parameters[name] for name in names)]
+        for row in rows
+        for point in row.points
+    ]
+    return DataTable(columns, cells).csv(digits=8)
 
 
 def _picture(rows: Sequence[ProfileRow], fit: Fit) -> bytes:

@@ -25,7 +25,7 @@ ALONE = tuple(stage for stage in MODEL if stage.name != "review")  # whose repor
 
 
 def run_recalibrate(project: Project, say: Say) -> dict[str, Any]:
-    """Check a project, run every stage of it that is stale, and say what came out.
+    """Verdict, constants and changes of a project after every stale stage has run.
 
     A killed command goes on where it was: what is done stays, and the stage under way resumes its run.
     """
@@ -35,8 +35,8 @@ def run_recalibrate(project: Project, say: Say) -> dict[str, Any]:
 
 
 def run_stages(project: Project, say: Say, model: Sequence[Stage]) -> dict[str, str]:
-    """Check a project and run the stages of its films, then those of `model`, where they are stale: "done",
-    "fresh" or "none" by their names."""
+    """State, "done", "fresh" or "none", of each stage by name, once the stale stages of films and of `model`
+    have run."""
     check_project(project, say)
     done = {stage.name: _filmed(project, stage, say) for stage in FILM}
     for stage in model:
@@ -60,8 +60,8 @@ def _filmed(project: Project, stage: Stage, say: Say) -> str:
 
 
 def _without_films(project: Project) -> bool:
-    """Whether the targets that are there stand without films: none is named, the films are gone, or the
-    targets were measured elsewhere."""
+    """True if the targets stand without films: none is named, the films are gone, or the targets were
+    measured elsewhere."""
     if not project.targets_folder.is_dir():
         return False
     foreign = project.config.imported
@@ -101,7 +101,7 @@ def _fresh_run(project: Project, kinds: tuple[str, ...]) -> str | None:
 
 
 def _has_fit(project: Project) -> bool:
-    """Whether the model has been fitted with the effects that twin.toml has."""
+    """True if the model has been fitted with the effects of twin.toml."""
     try:
         fit_file(project)
     except ValueError:
@@ -114,8 +114,8 @@ def _needed(project: Project, kinds: tuple[str, ...]) -> list[int]:
     names = [stage.name for stage in MODEL]
     before = [name for name in names[: names.index(kinds[0])] if name != "compare"]
     groups = [("add", "drop") if name == "add" else (name,) for name in before]
-    found = [fresh(project, group) for group in groups]
-    return [_number(path.parent.name) for path in found if path is not None]
+    results = [fresh(project, group) for group in groups]
+    return [_number(path.parent.name) for path in results if path is not None]
 
 
 def _number(run: str) -> int:
@@ -132,22 +132,22 @@ def _told(project: Project, say: Say) -> dict[str, Any]:
     say(f"Verdict: {verdict}")
     say(f"{in_words(record.estimates)}.")
     former, changes = _changed(project, record, say)
-    shown = {}
+    paths = {}
     for name, how in (("report.html", "open {} in a browser"), ("review.rrd", "rerun {}")):
-        found = fresh(project, kinds_writing(name), name)
-        if found is not None:
-            shown[name] = str(found)
-            say(f"{name}: {how.format(found)}")
+        path = fresh(project, kinds_writing(name), name)
+        if path is not None:
+            paths[name] = str(path)
+            say(f"{name}: {how.format(path)}")
     return {
         "verdict": verdict, "effects": list(project.config.model.effects),
         "parameters": files.plain(record.parameters), "intervals": files.plain(record.intervals),
         "like": former,
         "changes": [asdict(c) | {"difference": c.difference, "known": c.known} for c in changes],
-    } | shown  # fmt: skip
+    } | paths  # fmt: skip
 
 
 def _undiagnosed(project: Project) -> str:
-    """Why a project is not diagnosed, "" where it is: engine, loss, or targets without a noise model."""
+    """Reason, empty if none, for which a project is not diagnosed: engine, loss, or no noise model."""
     engine, loss = project.config.model.engine, project.config.calibrate.loss
     if engine != EMBEDDED:
         return f"engine = {engine!r}"

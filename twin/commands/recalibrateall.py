@@ -16,6 +16,7 @@ from twin.executors.local import Processes, Serial, current
 from twin.files import lock
 from twin.messages import Lines, Say
 from twin.project.folder import Project
+from twin.table import DataTable
 
 
 def run_recalibrate(folder: Path, say: Say) -> dict[str, Any]:
@@ -64,14 +65,14 @@ def _groups(batches: list[Path], opened: Opened) -> Iterator[list[Path]]:
             project = opened(batch)
         except (ValueError, OSError):
             continue
-        own = project.config.project.like
-        like[batch] = project.path(own).resolve() if own else None
-    left = list(like)
-    while left:
-        waited = {batch.resolve() for batch in left}
-        group = [batch for batch in left if like[batch] not in waited] or left  # in a circle: all
+        former = project.config.project.like
+        like[batch] = project.path(former).resolve() if former else None
+    waiting = list(like)
+    while waiting:
+        waited = {batch.resolve() for batch in waiting}
+        group = [batch for batch in waiting if like[batch] not in waited] or waiting  # in a circle: all
         yield group
-        left = [batch for batch in left if batch not in group]
+        waiting = [batch for batch in waiting if batch not in group]
 
 
 def _elsewhere(batch: Path, opened: Opened) -> list[str]:
@@ -89,18 +90,18 @@ def _elsewhere(batch: Path, opened: Opened) -> list[str]:
 
 
 def _one(batch: Path, say: Say, opened: Opened) -> dict[str, Any]:
-    """What came of a batch; a failure is a row of the table, not the end."""
+    """Result of a batch; a failure is a row of the table, not the end."""
     try:
         return {"status": "done"} | _recalibrated(opened(batch), say)
     except Exception as error:
-        known = isinstance(error, ValueError | OSError)
-        sentence = str(error) if known else f"internal error: {type(error).__name__}: {error}"
+        foreseen = isinstance(error, ValueError | OSError)
+        sentence = str(error) if foreseen else f"internal error: {type(error).__name__}: {error}"
         say(f"failed: {sentence}")
         return {"status": "failed", "error": sentence}
 
 
 def _recalibrated(project: Project, say: Say) -> dict[str, Any]:
-    """What came of a project, which no other command may write to meanwhile."""
+    """Result of a project, locked meanwhile."""
     for sentence in project.remarks:
         say(sentence)
     with project.lock("recalibrate"):
@@ -109,9 +110,8 @@ def _recalibrated(project: Project, say: Say) -> dict[str, Any]:
 
 def _table(rows: list[dict[str, Any]]) -> list[str]:
     """A line a batch: its name, what ran, and the verdict, or why it failed."""
-    width = max(len(row["batch"]) for row in rows)
-    return [f"{row['batch']:<{width}}  {_state(row):<13}  {row.get('verdict') or row.get('error')}"
-            for row in rows]  # fmt: skip
+    cells = [(row["batch"], _state(row), row.get("verdict") or row.get("error")) for row in rows]
+    return DataTable(("batch", "", "verdict"), cells).lines()
 
 
 def _state(row: dict[str, Any]) -> str:

@@ -50,7 +50,7 @@ def run_review(
 
 
 def _not_shown(project: Project) -> list[str]:
-    """What is stale and therefore not shown, one sentence for the newest run of each stage."""
+    """Sentences on stale runs, which are not shown: one for the newest run of each stage."""
     others = [stage.name for stage in STAGES if stage.name != "review"]
     return [sentence for name in others for sentence in stale_sentences(project, (name,))[:1]]
 

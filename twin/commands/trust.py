@@ -12,9 +12,9 @@ def run_trust(root: Path, say: Say) -> dict[str, Any]:
     """Trust the effect files of a project as they are now, and its links out of the folder."""
     project, before = Project.open(root, strange=True), trusted()
     check_programs(project.root, project.config)
-    asked = [*programs(project.root, project.config.model.effect_files), *links(project.root, project.config)]
-    for one in asked:
-        say(f"{one.name}: {one.what}{', trusted before' if one.digest in before else ''}.")
-    remember(project.root, asked)
-    say(f"Trusted, in {trust_file()}." if asked else "There is nothing to trust: no own effects, no links.")
-    return {"stage": "trust", "status": "done", "trusted": sorted(one.name for one in asked)}
+    items = [*programs(project.root, project.config.model.effect_files), *links(project.root, project.config)]
+    for item in items:
+        say(f"{item.name}: {item.what}{', trusted before' if item.digest in before else ''}.")
+    remember(project.root, items)
+    say(f"Trusted, in {trust_file()}." if items else "There is nothing to trust: no own effects, no links.")
+    return {"stage": "trust", "status": "done", "trusted": sorted(item.name for item in items)}

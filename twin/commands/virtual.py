@@ -76,36 +76,36 @@ def run_virtual(
                          "else; leave one out")  # fmt: skip
     say("Solving the truth on a mesh of its own ...")
     _, table = body_table(body)
-    own = BuiltIn() if table is None else table.body
-    lattice = truth_lattice(own)
-    points, case = marked(chosen, own), truth_case(own, lattice, element=element)
+    solid = BuiltIn() if table is None else table.body
+    lattice = truth_lattice(solid)
+    points, case = marked(chosen, solid), truth_case(solid, lattice, element=element)
     if case.pressurised is None:
         raise ValueError(f"--body {body}: it has no chamber, and every protocol is a test under pressure; "
                          "wanted finger, pneunet or tube")  # fmt: skip
-    thing = RigidObject.of(object) if object else None
+    obstacle = RigidObject.of(object) if object else None
     if not chosen.weighed:
         case = case.with_material(density=0.0)
-    case = case if thing is None else thing.beside(case)
-    at = np.array([p.position for p in points])
-    on = on_surface(case, at)
+    case = case if obstacle is None else obstacle.beside(case)
+    positions = np.array([p.position for p in points])
+    on = on_surface(case, positions)
     bare, slope = displaced(case, chosen.course, on, count=COUNT)
     draw = measured(chosen, bare, slope, points=points, setup=setup, seed=seed)
-    rows = {kind.name: _all(tangents(case, chosen.course, at, kind), draw) for kind, _ in kinds}
+    rows = {kind.name: _all(tangents(case, chosen.course, positions, kind), draw) for kind, _ in kinds}
     hidden = tuple((kind, _sized(kind, size, sigmas, rows[kind.name], draw, slope)) for kind, size in kinds)
     try:
         u, slope = displaced(case, chosen.course, on, hidden, count=COUNT) if hidden else (bare, slope)
     except Unsolvable as why:
         raise ValueError(f"--hide {' '.join(hide)}: {why}; hide less of it, or state fewer sigmas") from None
-    found = measured(chosen, u, slope, points=points, setup=setup, seed=seed)
+    targets = measured(chosen, u, slope, points=points, setup=setup, seed=seed)
     with tempfile.TemporaryDirectory() as scratch:
-        write_targets(Path(scratch) / "targets", found)
+        write_targets(Path(scratch) / "targets", targets)
         density = DENSITY / TONNE_PER_MM3 if chosen.weighed else None
         run_init(folder, Silent(), targets=Path(scratch) / "targets", nodes=(), density_kg_m3=density,
                  body=body)  # fmt: skip
     if object:
         _put(folder / "twin.toml", object)
-    change, felt = _all(u - bare, found), _all(slope, found)
-    plain = {k.name: plainness(change, found, _all(rows[k.name][:2], found), felt) for k, _ in hidden[:1]}
+    change, felt = _all(u - bare, targets), _all(slope, targets)
+    plain = {k.name: plainness(change, targets, _all(rows[k.name][:2], targets), felt) for k, _ in hidden[:1]}
     truth = {
         "protocol": chosen.name, "seed": seed, "element": element, "body": body, "object": object,
         "lattice": asdict(lattice),
@@ -147,11 +147,11 @@ def _kind(text: str) -> tuple[Kind, float | None]:
 
 def marked(protocol: Protocol, body: Body) -> tuple[TargetPoint, ...]:
     """The markers of a protocol, each on the nearest node of a body."""
-    case, at = body_case(body, body.lattice), places(body)
-    edge, off = [n for n in at if n.startswith("p")], [n for n in at if n.startswith("off")]
+    case, place_of = body_case(body, body.lattice), places(body)
+    edge, off = [n for n in place_of if n.startswith("p")], [n for n in place_of if n.startswith("off")]
     names = [*edge[1 : protocol.along], "tip", *off[: protocol.off_axis]]
-    wanted = np.array([at[name] for name in names])
-    near = np.linalg.norm(case.nodes[:, None] - wanted, axis=2).argmin(axis=0)
+    positions = np.array([place_of[name] for name in names])
+    near = np.linalg.norm(case.nodes[:, None] - positions, axis=2).argmin(axis=0)
     return at_nodes(names, case.labels[near], case.nodes[near])
 
 
@@ -170,5 +170,5 @@ def _sized(
         return size
     if sigmas is None:
         raise ValueError(f"--hide {kind.name}: wanted a size, {kind.name}=SIZE, or --sigmas")
-    one = plainness(rows[2], targets, rows[:2], _all(slope, targets))
-    return sigmas / max(one, 1e-12)
+    per_unit = plainness(rows[2], targets, rows[:2], _all(slope, targets))
+    return sigmas / max(per_unit, 1e-12)

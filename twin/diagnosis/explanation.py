@@ -21,10 +21,10 @@ from twin.judging.intervals import estimates
 from twin.judging.judged import Judged
 from twin.judging.whitening import Whitener
 from twin.records import Maybe, Record
+from twin.table import DataTable
 from twin.targets import Array, Targets
 
 ALL = "all"
-WIDE = 20  # letters of a column of the table
 
 
 class Share(Record):
@@ -227,13 +227,12 @@ def table(e: EvidenceRecord) -> list[str]:
     names = list(dict.fromkeys(s.marker for s in e.shares))
     parts = list(dict.fromkeys(s.branch for s in e.shares))
     cell = {(s.marker, s.branch): s for s in e.shares}
-    wide = max(len(name) for name in names)
-    out += ["", "Residual in sds without -> with it, and the share explained:"]
-    out.append(" " * wide + "".join(f"{part:>{WIDE}}" for part in parts))
-    for name in names:
-        row = [f"{_cell(cell[name, part]) if (name, part) in cell else '-':>{WIDE}}" for part in parts]
-        out.append(f"{name:<{wide}}" + "".join(row))
-    return out
+    rows = [
+        [name, *(_cell(cell[name, part]) if (name, part) in cell else "-" for part in parts)]
+        for name in names
+    ]
+    title = "Residual in sds without -> with it, and the share explained:"
+    return [*out, "", title, *DataTable(["", *parts], rows).lines("<>")]
 
 
 def _cell(s: Share) -> str:

