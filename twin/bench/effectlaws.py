@@ -39,7 +39,7 @@ def _kept(project: Project) -> tuple[dict[str, Effect], Start]:
     law = files.read(DiagnosisRecord, path).law if path else None
     if path is None or not law or not path.with_name("kept.json").exists():
         return {}, {}
-    options: dict[str, Any] = {"own": own_of(project), "law": law_of_project(project)}
+    options: dict[str, Any] = {"users": own_of(project), "law": law_of_project(project)}
     by_name = {name_of(label): effect(label, **options) for label in law.split(AND)}
     return by_name, files.read(FitRecord, path.with_name("kept.json")).start or {}
 
