@@ -1,6 +1,6 @@
 """Targets, a prediction and a whitener -> whether they agree within the noise, and where not."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,10 @@ from twin.targets import Array, Targets, relative
 
 ADEQUATE = 1e-3  # a model is adequate while its lack of fit has at least this probability
 PLAUSIBLE = 3.0  # sd of a shared error beyond which none is taken off: what is left belongs to the model
+OVERSTATED = 0.7  # of its degrees of freedom is the chi2 of the picture below which its noise is told
+EVEN = 1.3  # times as large as the smallest is the largest misfit over its noise, where it is even
+LEAST, ENOUGH = 50, 100  # values of a marker, direction, pressure or branch that count; degrees of freedom
+MISSTATED = "The misfit is even"
 BRANCHES = ("rest", "up", "hold", "down")
 WHILE = {
     "rest": "at rest",
@@ -299,6 +303,40 @@ def change_in_words(
     )
 
 
+def noise_in_words(tests: Sequence[FitTest], maps: Mapping[str, Sequence[MapRow]]) -> str:
+    """The factor by which the noise is stated too large or too small, in words; "" where it is neither, or
+    where the misfit has a place or a course of its own, as that of a missing effect has.
+
+    >>> rows = {"marker": [MapRow(name=n, count=99, rms_mm=0.02, noise_sd_mm=0.01, ratio=2.0) for n in "ab"]}
+    >>> test = FitTest(name="picture", chi2=800.0, degrees_of_freedom=200.0, p_value=1e-9)
+    >>> noise_in_words([test], rows)
+    'The misfit is even over markers, pressures and time: the stated noise is too small, by a factor of 2.0.'
+    >>> noise_in_words([test.model_copy(update={"chi2": 50.0, "p_value": 1.0})], rows)
+    'The noise of the picture is stated 2.0 times too large: chi2 is 50 of 200 degrees of freedom.'
+    """
+    found = {t.name: t for t in tests}
+    picture, smooth = found.get("picture") or found.get("all"), found.get("smooth")
+    if picture is None or picture.chi2 is None or picture.p_value is None:
+        return ""
+    if picture.degrees_of_freedom < ENOUGH:
+        return ""
+    factor = float(np.sqrt(picture.chi2 / picture.degrees_of_freedom))
+    if factor**2 < OVERSTATED:
+        return (
+            f"The noise of the picture is stated {1 / factor:.1f} times too large: chi2 is "
+            f"{picture.chi2:.0f} of {picture.degrees_of_freedom:.0f} degrees of freedom."
+        )
+    ratios = [r.ratio for rows in maps.values() for r in rows if r.ratio is not None and r.count >= LEAST]
+    even = bool(ratios) and max(ratios) < EVEN * min(ratios) and min(ratios) > 1
+    slow = smooth is not None and (smooth.chi2 or 0.0) > 2 * factor**2 * smooth.degrees_of_freedom
+    if picture.p_value > ADEQUATE or not even or slow:
+        return ""
+    return (
+        f"{MISSTATED} over markers, pressures and time: the stated noise is too small, by a factor of "
+        f"{factor:.1f}."
+    )
+
+
 def _where(comparison: Comparison) -> str:
     """The agreement of the model, or the place of its misfit, in words."""
     if np.isnan(comparison.p_value):
@@ -308,14 +346,16 @@ def _where(comparison: Comparison) -> str:
             "times."
         )
     excessive = in_words(comparison.beyond, fits=comparison.adequate)
+    noise = noise_in_words(comparison.tests, comparison.maps)
+    told = f"{error_in_words(comparison)} {noise}".strip()
     if comparison.adequate:
-        return (
-            f"The model agrees with the measurement within the noise. {error_in_words(comparison)}{excessive}"
-        )
+        return f"The model agrees with the measurement within the noise. {told}{excessive}"
+    if noise.startswith(MISSTATED):
+        return f"The model does not fit. {told}{excessive}"
     worst = {kind: max(rows, key=_beyond_noise) for kind, rows in comparison.maps.items()}
     marker = worst["marker"]
     return (
-        f"The model does not fit. {error_in_words(comparison)} It fails most at marker "
+        f"The model does not fit. {told} It fails most at marker "
         f"{marker.name} ({marker.rms_mm:.3f} mm, {marker.ratio:.1f} times its noise), in "
         f"{worst['direction'].name}, at {worst['pressure'].name}, "
         f"{WHILE[worst['branch'].name]}.{excessive}"

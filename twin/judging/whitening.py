@@ -243,7 +243,8 @@ class Whitener:
     def _estimated(self, jacobian: Array) -> tuple[Array, Array]:
         """The covariance (d, d) of a fit with derivatives (d, s, p, 3), and these whitened (d, n)."""
         columns = self.whiten(jacobian) if len(jacobian) else np.zeros((0, self.valid.size))
-        return np.linalg.pinv(columns @ columns.T, rcond=1e-12, hermitian=True), columns
+        covariance = np.linalg.pinv(columns @ columns.T, rcond=1e-12, hermitian=True)
+        return np.asarray(covariance, float), columns
 
     def _spread(self, fields: Array, inner: Array) -> "Expected":
         """The root mean square in mm of values with the covariance N + A' S A, of the noise and of fields A

@@ -1,0 +1,90 @@
+"""How good is the first fit? Films on the short finger, with an effect hidden and without.
+
+    python benchmarks/diagnosis/basefits.py [--quick] [--json]
+
+Markers are placed to 0.3 mm, as twin.toml has it by default. Of every film with an effect of 10, 30 or 100 sd
+hidden the base model is fitted (`judge_base`): base_within_10pct is the share whose C10 + C01 is within 10 %
+of the truth, base_error the rms of that error, plain_error the same of least squares without a discrepancy.
+Of every film without one: expected_inside, the share whose error lies in the 95 % band that is told for a
+right model; chi2_per_dof of its tests. --quick: 12 films, else 200.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
+from benchmarks.commandline import options
+from benchmarks.diagnosis.identify import of_law
+from benchmarks.diagnosis.trialbench import EVERY, MAIN, START, Scene, Sight, Spec, sized
+
+import numpy as np
+
+from twin.effects.protocol import Unsolvable
+from twin.judging.judged import Judged, judge, judge_base
+
+PROTOCOL, PLACEMENT_MM, FILMS, QUICK = "P3", 0.3, 200, 12
+SIZES = (10.0, 30.0, 100.0)  # sd
+
+
+def film(number: int) -> dict[str, Any]:
+    """The row of a film: the relative errors of C10 + C01 with an effect hidden, and a right model's fit."""
+    kinds = [*of_law("same"), *of_law("other")]
+    kind, size = kinds[7 * number % len(kinds)], SIZES[number % len(SIZES)]
+    spec = Spec("base", PROTOCOL, (kind,), size, "white", 700 + number)
+    scene = Scene.of(spec)
+    scene = replace(scene, setup=replace(scene.setup, placement_sd_mm=PLACEMENT_MM))
+    hidden, change = sized(Sight.of(scene), EVERY[kind], size, np.random.default_rng([spec.seed, 11]))
+    row: dict[str, Any] = {"kind": kind, "sigmas": float(np.linalg.norm(change))}
+    lacking = scene.targets(((EVERY[kind], hidden),))
+    for name, fit in (("base", judge_base), ("plain", judge)):
+        try:
+            row[name] = _error(fit(scene.model(lacking), lacking, starts=START))  # type: ignore[operator]
+        except Unsolvable:
+            row[name] = float("inf")
+    whole = scene.targets(())
+    found = judge_base(scene.model(whole), whole, starts=START).comparison
+    row["inside"] = bool(found.expected_low_mm <= found.raw_rms_mm <= found.expected_high_mm)
+    row["tests"] = {t.name: (t.chi2, t.degrees_of_freedom) for t in found.tests}
+    return row
+
+
+def _error(judged: Judged) -> float:
+    """The relative error of C10 + C01."""
+    return float(judged.theta.sum() / MAIN.scale - 1)
+
+
+def summary(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """The rates of all films; of what is hidden, of those in which it shows by half of the least size."""
+    rows = list(rows)
+    plain_to_see = [row for row in rows if row["sigmas"] > SIZES[0] / 2]
+    base, plain = (np.array([row[name] for row in plain_to_see]) for name in ("base", "plain"))
+    totals = {
+        name: np.sum([row["tests"][name] for row in rows if name in row["tests"]], axis=0)
+        for name in ("pressure", "picture", "smooth")
+    }
+    return {
+        "films": len(rows),
+        "base_within_10pct": float((np.abs(base) < 0.1).mean()),
+        "plain_within_10pct": float((np.abs(plain) < 0.1).mean()),
+        "base_error": float(np.sqrt((base**2).mean())),
+        "plain_error": float(np.sqrt((plain**2).mean())),
+        "expected_inside": float(np.mean([row["inside"] for row in rows])),
+        "chi2_per_dof": {name: float(t[0] / t[1]) for name, t in totals.items() if np.ndim(t)},
+    }
+
+
+def main() -> None:
+    chosen = options(__doc__ or "", quick=f"{QUICK} films", json="no row of every film")
+    rows = []
+    for number in range(QUICK if chosen.quick else FILMS):
+        rows.append(film(number))
+        print(number if chosen.json else rows[-1], file=sys.stderr, flush=True)
+    print(json.dumps(summary(rows), indent=1))
+
+
+if __name__ == "__main__":
+    main()
