@@ -71,16 +71,16 @@ def run_calibrate(
         if tried is not None:
             beside |= {"starts": tried.rows, "said": (*beside["said"], tried.words)}
         initial = on.initial(judged)
-        run.write(fit_record(fit, found, effects=(), identifiability=words, initial=initial, **beside))
+        run.write(fit_record(fit, comparison, effects=(), identifiability=words, initial=initial, **beside))
         write_curves(run, tests)
         run.summary["headline"] = words.split(". ")[0]
         crossed = model.solution(fit.theta).crossed
         for line in (*bench.remarks, model.extent, fit.reason):
             run.note(line)
     say(_ended(fit))
-    if initial.raw_rms_mm is not None and found.raw_rms_mm > initial.raw_rms_mm:
+    if initial.raw_rms_mm is not None and comparison.raw_rms_mm > initial.raw_rms_mm:
         say(f"Nominal constants miss the film by {initial.raw_rms_mm:.3f} mm, the fit by "
-            f"{found.raw_rms_mm:.3f} mm: the fit weighs every value by its errors, so that this may be where "
+            f"{comparison.raw_rms_mm:.3f} mm: the fit weighs every value by its errors, so that this may be where "
             "a model lacks something.")  # fmt: skip
     say(words)
     for sentence in (*beside["said"], *told_of_tests(bench.tests, tests)):
