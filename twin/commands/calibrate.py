@@ -80,8 +80,8 @@ def run_calibrate(
     say(_ended(fit))
     if initial.raw_rms_mm is not None and comparison.raw_rms_mm > initial.raw_rms_mm:
         say(f"Nominal constants miss the film by {initial.raw_rms_mm:.3f} mm, the fit by "
-            f"{comparison.raw_rms_mm:.3f} mm: the fit weighs every value by its errors, so that this may be where "
-            "a model lacks something.")  # fmt: skip
+            f"{comparison.raw_rms_mm:.3f} mm: the fit weighs every value by its errors, so that this may be "
+            "where a model lacks something.")  # fmt: skip
     say(words)
     for sentence in (*beside["said"], *told_of_tests(bench.tests, tests)):
         say(sentence)
