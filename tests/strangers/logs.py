@@ -56,7 +56,7 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     "a log of its heading alone": (bad_log("time_s,pressure_MPa\n"), r"no rows"),
     "a word in the log": (lines(odd_word), r"line 401, column pressure_MPa: 'OVL'"),
     "columns exchanged": (lines(swapped), r"columns .* exchanged"),
-    "times that run backwards": (rows(lambda log: log[::-1]), r"sort the rows by time"),
+    "times that run backwards": (rows(lambda log: log[::-1]), r"newest first; turn their order round"),
     "no time in the log": (log(head="sample,pressure_MPa"), r"column time_s is missing: the header is sample,pressure_MPa"),
     "time in min": (rows_in_min, r"its time may be in min, as 0\.433 min are 26 s"),
     "a log from the middle of the ramp on": (rows(lambda log: [r for r in log if r[0] > 16.5]), r"covers 16\.5\d* to 25\.98\d* s, the film 14\.000"),

@@ -121,6 +121,8 @@ def _log_line(project: Project) -> tuple[Log, str, tuple[str, ...]]:
     if pressure.join == "stamps":
         gauge_of(project, time, still, log, table.film_start_s)
         odd += said_of_log(project, time, log, table.film_start_s)
+    elif log.doubt:
+        odd += (log.doubt,)
     check_lasts(log, float(time[-1] - time[0]))
     return log, (
         f"{log.path.name}: {log.source}, {log.pressure.min():.3g} to {log.pressure.max():.3g} MPa, "

@@ -35,6 +35,7 @@ from twin.drawing.deformed import write_vtu_series
 from twin.drawing.uncertaintyplots import draw_prediction
 from twin.effects.loads import Gravity
 from twin.effects.protocol import Order
+from twin.gauge.logcolumns import LogFormat
 from twin.gauge.pressurelog import read_log
 from twin.gravity import is_heavy
 from twin.judging.fitrecord import FitRecord
@@ -210,7 +211,8 @@ def _courses(
         )
     check_times(ramp_s, hold_s)
     if course is not None:
-        log = read_log(course, time_shift_s=0.0)
+        alone = LogFormat(key="a file of the time and that column alone")
+        log = read_log(course, time_shift_s=0.0, form=alone)
         return [WantedCourse.logged(log.time, log.pressure, most=MOST)]
     return [WantedCourse.held(pressure_of(text), ramp_s=ramp_s, hold_s=hold_s) for text in pressure]
 

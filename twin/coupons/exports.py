@@ -1,8 +1,5 @@
-"""An instrument's export -> columns of numbers: lines above the header, a row of units, decimal commas."""
+"""An instrument's export -> columns of numbers, by their headings."""
 
-import csv
-import io
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from twin.coupons.headings import Quantity, of_quantity, unit_of
-from twin.csvtable import Sheet
+from twin.csvtable import Sheet, read_recording, together
 from twin.targets import Array
-
-_NUMBER = re.compile(r"[+-]?[.,]?\d")
-LARGEST = 200_000_000  # bytes: an hour at 1 kHz is a third of it
 
 
 @dataclass(frozen=True)
@@ -47,32 +41,48 @@ class ExportColumn:
     values: Array
 
 
+@dataclass(frozen=True)
+class Export:
+    """The columns that were sought in an export, None for an optional one that it has not; and the lines on
+    which its header stands, once for each specimen."""
+
+    columns: list[ExportColumn | None]
+    headers: tuple[int, ...]
+
+
 def read_export(
-    path: Path, required: Sequence[SoughtColumn], *, also: Sequence[SoughtColumn] = ()
-) -> list[ExportColumn | None]:
-    """The required columns, and the optional ones of `also`, None where one is missing.
+    path: Path, required: Sequence[SoughtColumn], *, also: Sequence[SoughtColumn] = (), number: int = 1
+) -> Export:
+    """The required columns, and the optional ones of `also`.
 
-    The header is the first line that has them all; lines above it, and one of units below it, are passed
-    over. ValueError where no line has them, several columns may be meant, a unit is missing, or a cell is no
-    number.
+    The header is the first line that has them all, or that for a specimen of another number. ValueError with
+    all that is wrong: no line has them, several columns may be meant, a unit is missing, a cell is no number.
     """
-    sheet, units = _sheet(path, required)
+    what = " and ".join(_said(sought) for sought in required)
+    sheet = read_recording(path, lambda row: _is_header(row, required), wanted=what, number=number)
+    if not _is_header(sheet.header, required):
+        raise ValueError(f"{path}: no line has headings of {what}; name the columns in [[material_tests]] of "
+                         "twin.toml as they stand in the file")  # fmt: skip
     columns: list[ExportColumn | None] = []
-    for sought in (*required, *also):
+
+    def find(sought: SoughtColumn) -> None:
         every = list(dict.fromkeys(sought.among(sheet.header)))
-        if len(every) > 1 or (every and sheet.header.count(every[0][0]) > 1):
+        count = max([len(every), *(sheet.header.count(name) for name, _ in every)])
+        way = f"say which with {sought.key} = \"...\" in [[material_tests]] of twin.toml"
+        way = way if len(every) > 1 else "rename all but one in the file"
+        if count > 1:
             names = " and ".join(repr(name) for name, _ in every)
-            raise ValueError(f"{path}: {names} may all be meant; say which with {sought.key} = \"...\" in "
-                             "[[material_tests]] of twin.toml")  # fmt: skip
-        columns.append(_column(sheet, units, sought, *every[0]) if every else None)
-    return columns
+            times = f" (it stands there {count} times)" if len(every) == 1 else ""
+            raise ValueError(f"{path}: {names}{times} may all be meant; {way}")
+        columns.append(_column(sheet, sought, *every[0]) if every else None)
+
+    together(path, *(lambda sought=sought: find(sought) for sought in (*required, *also)))
+    return Export(columns, sheet.again)
 
 
-def _column(
-    sheet: Sheet, units: dict[str, str], sought: SoughtColumn, name: str, quantity: Quantity
-) -> ExportColumn:
+def _column(sheet: Sheet, sought: SoughtColumn, name: str, quantity: Quantity) -> ExportColumn:
     where = f"{sheet.path}: column {name!r}"
-    factor = unit_of(name, quantity, below=units.get(name, ""), stated_unit=sought.unit,
+    factor = unit_of(name, quantity, below=sheet.units.get(name, ""), stated_unit=sought.unit,
                      where=where, key=sought.unit_key)  # fmt: skip
     values = sheet.table((name,)).numbers(name, unit=f"a unit of {quantity}", most=1e9)
     return ExportColumn(name, quantity, np.asarray(factor * values, float))
@@ -84,51 +94,5 @@ def _is_header(row: Sequence[str], required: Sequence[SoughtColumn]) -> bool:
     return all(each) and len(set().union(*each)) >= len(required)
 
 
-def _sheet(path: Path, required: Sequence[SoughtColumn]) -> tuple[Sheet, dict[str, str]]:
-    """The sheet below the header of an export, and the units by the headings."""
-    text = _text(path)
-    for separator in (";", "\t", ","):
-        reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
-        try:
-            every = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
-        except csv.Error as error:
-            raise ValueError(f"{path}, line {reader.line_num}: not a row of a CSV file ({error})") from None
-        rows = [(line, row) for line, row in every if any(row)]
-        header_row = next((k for k, (_, row) in enumerate(rows) if _is_header(row, required)), None)
-        if header_row is not None:
-            return _below(path, rows[header_row:], separator)
-    what = " and ".join(_said(sought) for sought in required)
-    raise ValueError(f"{path}: no line has headings of {what}; name the columns in [[material_tests]] of "
-                     "twin.toml as they stand in the file")  # fmt: skip
-
-
 def _said(sought: SoughtColumn) -> str:
     return repr(sought.heading) if sought.heading is not None else " or ".join(sought.quantities)
-
-
-def _below(path: Path, rows: list[tuple[int, list[str]]], separator: str) -> tuple[Sheet, dict[str, str]]:
-    header, units = rows[0][1], dict[str, str]()
-    body = [(n, [*row, *[""] * (len(header) - len(row))][: len(header)]) for n, row in rows[1:]]
-    if body and not any(_NUMBER.match(cell) for cell in body[0][1]):
-        units = dict(zip(header, body[0][1]))
-        body = body[1:]
-    if len(body) < 2:
-        raise ValueError(f"{path}: no rows below the headings {separator.join(header)}; wanted a curve")
-    sheet = Sheet(path, tuple(header), [row for _, row in body], [n for n, _ in body], separator)
-    return sheet, units
-
-
-def _text(path: Path) -> str:
-    """The text of a file that an instrument's program wrote: UTF-8, UTF-16 or, as of old, Windows-1252."""
-    if not path.is_file():
-        raise ValueError(f"{path}: {'a folder' if path.is_dir() else 'no such file'}; wanted a CSV file")
-    data = path.read_bytes()
-    if len(data) > LARGEST:
-        size = f"{len(data) / 1e6:.0f} MB; wanted at most {LARGEST / 1e6:.0f}"
-        raise ValueError(f"{path}: {size}: export fewer rows")
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return data.decode("utf-16", errors="replace")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")

@@ -62,11 +62,12 @@ def preload_doubt(strain: Array, stress: Array, sd: Array) -> str:
 
 def beginning(strain: Array, stress: Array) -> tuple[float, float, float]:
     """Slope at rest in MPa, stress in MPa at no strain, and the sd of that, of a cubic through the beginning
-    of a curve; of few points, of a line through 0 and all of them."""
+    of a curve; of few points, of a polynomial through 0 and all of them."""
     x, sign = np.abs(strain), -1.0 if strain.sum() < 0 else 1.0
     near = x <= NEAR * min(float(x.max()), 1.0)
     if near.sum() < FEW:
-        return float((x @ (sign * stress)) / (x @ x)), 0.0, 0.0
+        A = x[:, None] ** np.arange(1.0, 1 + min(4, (len(x) + 1) // 2))
+        return float(np.linalg.lstsq(A, sign * stress, rcond=None)[0][0]), 0.0, 0.0
     y, scale = sign * stress[near], float(x[near].max())
     A = (x[near, None] / scale) ** np.arange(4)
     coefficients, *_ = np.linalg.lstsq(A, y, rcond=None)

@@ -1,5 +1,6 @@
 """A table [[material_tests]] of twin.toml -> the loading branch of a test, and the curve that a fit takes."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fe.homogeneous import SLOPES, principal_stretches
+from twin.coupons.course import STILL, find_drop, find_holds, is_reversed
 from twin.coupons.exports import ExportColumn, SoughtColumn, read_export
 from twin.coupons.headings import Quantity
 from twin.coupons.plausible import beginning, preload_doubt, stiffness_fault, strain_fault, true_stress_doubt
@@ -18,6 +20,8 @@ Rows = NDArray[np.int64]
 POINTS = 20  # of a curve at most: its values stand for more, whose errors are not independent
 TURN = 0.05  # of the range of the strain, by which it goes back where a branch ends
 FEWEST = 4
+UNLOADED = 0.05  # of the largest load, which a specimen at rest has at most
+AWAY, NOWHERE = 0.25, 0.005  # of the largest change, from which a first value is no strain at rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,22 +42,31 @@ class PullTest:
         """The test of a table, whose file lies in the folder `root`. ValueError where that file is not right,
         or cannot be what the table says."""
         where = f"material_tests.{table.name}: {table.file}"
-        pull, push, time = _columns(root / table.file, table)
+        pull, push, time, remarks = _columns(root / table.file, table)
         if fault := true_stress_doubt({pull.heading: table.true_strain, push.heading: table.true_stress}):
             raise ValueError(f"{where}: {fault} (true_strain, true_stress of [[material_tests]])")
+        pull, remark = _from_rest(table, pull, push, where)
         strain, stress = _nominal(table, pull, push)
         if fault := strain_fault(strain):
             raise ValueError(f"{where}: {fault}; correct the unit (strain_unit) or length_mm")
         branches = loading_branches(np.abs(strain))
         if len(branches) < table.cycle:
             has = f"it has {len(branches)} loading branches"
-            raise ValueError(f"{where}: cycle = {table.cycle}, but {has}; correct cycle")
-        rows = branches[table.cycle - 1]
-        times = None if time is None or table.cycle > 1 else _begun(np.abs(strain[rows]), time.values[rows])
-        test = PullTest(table, strain[rows], stress[rows], times, len(strain), ())
+            falls = "; its strain only falls, as in unloading: wanted a test that begins at rest"
+            raise ValueError(
+                f"{where}: cycle = {table.cycle}, but {has}{'' if branches else falls}; correct cycle"
+            )
+        used, remarks = branches[table.cycle - 1], [*remarks, *remark]
+        unloading = len(strain) - len(used)
+        if len(branches) == 1 and unloading > 0.05 * len(strain) and not find_holds(strain, stress):
+            remarks.append(f"{unloading} of {len(strain)} rows, those of unloading, are left out")
+        used, cut = _sound(table, used, strain, stress)
+        timed = time is not None and table.cycle == 1 and not cut[0]
+        times = _begun(np.abs(strain[used]), time[used]) if timed else None  # type: ignore[index]
+        test = PullTest(table, strain[used], stress[used], times, len(strain), ())
         if fault := stiffness_fault(test.strain, test.stress, table.specimen):
             raise ValueError(f"{where}: {fault}; correct the unit (stress_unit) or area_mm2")
-        return replace(test, remarks=tuple(_remarks(test, len(branches))))
+        return replace(test, remarks=tuple(_remarks(test, len(branches), [*remarks, *filter(None, cut)])))
 
     @property
     def stretches(self) -> Array:
@@ -121,8 +134,9 @@ def pull_tests(tables: Sequence[MaterialTestTable], root: Path) -> tuple[PullTes
 
 def _columns(
     path: Path, table: MaterialTestTable
-) -> tuple[ExportColumn, ExportColumn, ExportColumn | None]:
-    """The columns of strain, stress and time."""
+) -> tuple[ExportColumn, ExportColumn, Array | None, list[str]]:
+    """The columns of strain and stress, times (k,) s, all in the order in which they were recorded, and
+    remarks."""
     clock = SoughtColumn(("time",), "time", table.time)
     pulled: tuple[Quantity, ...] = ("displacement",) if table.length_mm is not None else ("strain", "stretch")
     pushed: tuple[Quantity, ...] = ("force",) if table.area_mm2 is not None else ("stress",)
@@ -130,13 +144,86 @@ def _columns(
         _sought(table, pulled, table.strain_unit, "strain_unit"),
         _sought(table, pushed, table.stress_unit, "stress_unit"),
     ]
-    if table.time is not None:
-        pull, push, time = read_export(path, [*sought, clock])
-    else:
-        pull, push, time = read_export(path, sought, also=[clock])
+    more = [clock] if table.time is not None else []
+    export = read_export(path, [*sought, *more], also=[] if more else [clock], number=table.export_number)
+    (pull, push, time), remarks = export.columns, list[str]()
     assert pull is not None
     assert push is not None
-    return pull, push, time
+    if len(export.headers) > 1:
+        lines = ", ".join(map(str, export.headers))
+        remarks.append(
+            f"the file has {len(export.headers)} specimens, whose headers are the lines {lines}: number "
+            f"{table.export_number} is used (export_number)"
+        )
+    times = None if time is None else time.values
+    if is_reversed(push.values, times):
+        remarks.append(
+            "its rows stand newest first, from the largest load to none: they are turned round; if the "
+            "specimen was unloaded instead, this is no curve of loading"
+        )
+        pull, push = (replace(column, values=column.values[::-1]) for column in (pull, push))
+        times = None if times is None else times[::-1]
+    return pull, push, times, remarks
+
+
+def _from_rest(
+    table: MaterialTestTable, pull: ExportColumn, push: ExportColumn, where: str
+) -> tuple[ExportColumn, list[str]]:
+    """The column of the strain from its value at rest on, and a remark: a crosshead's position is none."""
+    first, most = float(pull.values[0]), float(np.abs(pull.values - pull.values[0]).max())
+    rest = 1.0 if pull.quantity == "stretch" else 0.0
+    unloaded = abs(float(push.values[0])) <= UNLOADED * float(np.abs(push.values).max())
+    if pull.quantity == "displacement":
+        place = re.search(r"posi?tion|crosshead|traverse|absolut|stellung", pull.heading.lower()) is not None
+        if abs(first) > (NOWHERE if place else AWAY) * most:
+            if not place and not unloaded:
+                raise ValueError(
+                    f"{where}: {pull.heading} begins at {first:.4g} mm, where the load is not 0; wanted a "
+                    "displacement that is 0 at rest: subtract the position at rest"
+                )
+            return replace(pull, values=pull.values - first), [
+                f"{pull.heading} begins at {first:.4g} mm: a position, of which the change from there on is "
+                "used, over length_mm"
+            ]
+    elif unloaded and abs(first - rest) > AWAY * most and most > 0:
+        raise ValueError(
+            f"{where}: {pull.heading} begins at a {pull.quantity} of {first:.4g}, where the load is 0; "
+            f"wanted {rest:g} at rest: is it a {'strain' if rest else 'stretch'}?"
+        )
+    return pull, []
+
+
+def _sound(
+    table: MaterialTestTable, used: Rows, strain: Array, stress: Array
+) -> tuple[Rows, tuple[str, str]]:
+    """The rows of a loading branch up to a tear or slip, one for each hold; and a remark on each."""
+    torn = held = ""
+    if drop := find_drop(np.abs(strain[used]), np.abs(stress[used])):
+        at, share, ends = drop
+        what = "the specimen tore" if ends else "it slipped in the grips, or tore in part"
+        torn = (
+            f"the stress falls by {share:.0%} at a strain of {100 * strain[used[at]]:.3g} % while the "
+            f"strain goes on: {what}; the {at + 1} rows up to there are used"
+        )
+        used = used[: at + 1]
+    end = int(used[-1])
+    near = np.abs(strain - strain[end]) <= STILL * np.ptp(strain)
+    while not torn and end + 1 < len(strain) and near[end + 1]:
+        end += 1  # a hold at the top lies behind the branch
+    longer = np.append(used, np.arange(used[-1] + 1, end + 1))
+    holds = find_holds(strain[longer], stress[longer])
+    if holds:
+        falls = max(1 - abs(stress[longer[b]] / stress[longer[a]]) for a, b in holds)
+        relaxed = table.holds == "relaxed"
+        ramp = [] if relaxed else list(range(holds[0][0]))
+        which = "end of each hold, relaxed," if relaxed else "beginning of each hold, instant,"
+        held = (
+            f"the strain is held {len(holds)} times, in which the stress falls by up to {falls:.0%} "
+            f"(relaxation): the {which} is used; holds = \"{'instant' if relaxed else 'relaxed'}\" takes "
+            "the other"
+        )
+        used = longer[[*ramp, *(b if relaxed else a for a, b in holds)]]
+    return used, (held, torn)
 
 
 def _sought(
@@ -200,18 +287,16 @@ def _begun(strain: Array, time: Array) -> Array:
     return np.asarray(np.maximum(time - min(rest, 0.0), 1e-9), float)
 
 
-def _remarks(test: PullTest, branches: int) -> Sequence[str]:
+def _remarks(test: PullTest, branches: int, said: Sequence[str]) -> Sequence[str]:
     """Remarks on a test for the user, a sentence each."""
-    out, name = [], f"Material test {test.table.name}"
+    name = f"Material test {test.table.name}"
+    out = [f"{name}: {sentence}." for sentence in said]
     if branches > 1:
         out.append(
             f"{name}: of {branches} loading branches number {test.table.cycle} is used. A silicone that was "
             "stretched before is softer (Mullins): take the one before which it was stretched as far as "
             "the finger was."
         )
-    elif len(test.strain) < 0.95 * test.rows:
-        unloading = test.rows - len(test.strain)
-        out.append(f"{name}: {unloading} of {test.rows} rows, those of unloading, are left out.")
     if doubt := preload_doubt(test.strain, test.stress, test.sd(test.stress)):
         out.append(f"{name}: {doubt}.")
     return out

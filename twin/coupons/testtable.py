@@ -53,12 +53,8 @@ class MaterialTestTable(TableModel):
         default=None,
         description="length at rest that the displacement is over, mm; of shear the thickness",
     )
-    area_mm2: Positive | None = Field(
-        default=None, description="area at rest that the force is over, mm2"
-    )
-    sd_MPa: Positive = Field(
-        description="sd of one stress alone, MPa: noise of the load cell over the area"
-    )
+    area_mm2: Positive | None = Field(default=None, description="area at rest that the force is over, mm2")
+    sd_MPa: Positive = Field(description="sd of one stress alone, MPa: noise of the load cell over the area")
     sd_percent: Annotated[float, Field(ge=0, le=50)] = Field(
         default=0.0, description="further sd of one stress alone, % of it"
     )
@@ -74,6 +70,14 @@ class MaterialTestTable(TableModel):
     )
     cycle: int = Field(
         default=1, ge=1, le=1000, description="which loading branch is used, where there are several"
+    )
+
+    holds: Literal["instant", "relaxed"] = Field(
+        default="instant",
+        description="which stress of a step that is held is used: at its beginning, or at its end",
+    )
+    export_number: int = Field(
+        default=1, ge=1, le=1000, description="which specimen is used, where the export has several"
     )
 
     @property

@@ -41,7 +41,7 @@ def targets_of(
     keep = _even(len(position))
     time, rest = times_of(recorded, table), np.arange(min(table.rest_steps, len(position)))
     keep = np.union1d(keep, rest)
-    pressure, between = pressure_of(recorded, table, time, log)
+    pressure, between, doubt = pressure_of(recorded, table, time, log)
     mean = _at_rest(position, rest)
     target_points, chosen, remarks = _points(recorded, table, mean, {point.name: point for point in points})
     every = (position - mean)[:, chosen]
@@ -49,7 +49,8 @@ def targets_of(
     targets = _assembled(np.round(every[keep], DIGITS), target_points, noise, time=time[keep],
                          pressure=pressure[keep], log=between, rest=np.searchsorted(keep, rest),
                          scale_sd=table.scale_sd if recorded.unit == PIXEL else None)  # fmt: skip
-    sentences = [*_said(recorded, keep, len(position)), *remarks, *([] if table.sd_mm else [noise.basis])]
+    said = [*_said(recorded, keep, len(position)), *remarks, *filter(None, (doubt,))]
+    sentences = [*said, *([] if table.sd_mm else [noise.basis])]
     return targets, [*sentences, *([] if targets.has_log else [NO_COURSE])]
 
 

@@ -48,6 +48,9 @@ class ImportTable(TableModel):
         default=None,
         description="pressure log, with times or one row a step; wanted where the file has no pressure",
     )
+    log_column: str | None = Field(
+        default=None, description="heading of the pressure in that log, where it cannot be told"
+    )
     log_unit: str | None = Field(
         default=None, description="unit of that pressure, where its heading has none"
     )

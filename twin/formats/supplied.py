@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.csvtable import read_sheet
 from twin.formats.importtable import ImportTable
 from twin.formats.recorded import PIXEL, Recorded
-from twin.gauge.logcolumns import LogFormat, pressures, time_column
+from twin.gauge.logcolumns import LogFormat, asked_doubt, log_sheet, pressure_column, pressures, time_column
 from twin.gauge.pressurelog import read_log
 from twin.targets import Array
 
@@ -81,14 +80,17 @@ JUMP = 0.25  # of the pressure's range, from row to row: what lies between is th
 
 def pressure_of(
     recorded: Recorded, table: ImportTable, time: Array, log: Path | None
-) -> tuple[Array, tuple[Array, Array] | None]:
-    """The pressure (s,) MPa of each step, and the log (t,) s, (t,) MPa between them where there is one."""
+) -> tuple[Array, tuple[Array, Array] | None, str]:
+    """The pressure (s,) MPa of each step, the log (t,) s, (t,) MPa between them where there is one, and a
+    sentence on it."""
     if log is None:
         assert recorded.pressure is not None  # checked
-        return recorded.pressure, None if recorded.time is None else _along(time, recorded.pressure)
-    form, sheet = LogFormat(unit=table.log_unit), read_sheet(log, wanted="time_s,pressure_MPa")
+        return recorded.pressure, None if recorded.time is None else _along(time, recorded.pressure), ""
+    form = LogFormat(table.log_column, table.log_unit, key="log_column under [import] of twin.toml")
+    sheet = log_sheet(log, form)
     if time_column(sheet) is None:
-        return _in_rows(pressures(sheet, form), len(time), log), None
+        doubt = asked_doubt(pressure_column(sheet, form), form)
+        return _in_rows(pressures(sheet, form), len(time), log), None, doubt
     read = read_log(log, time_shift_s=0.0, form=form)
     if time[0] < read.time[0] or time[-1] > read.time[-1]:
         raise ValueError(
@@ -96,7 +98,7 @@ def pressure_of(
             f"{time[-1]:.3f} s of the same clock: wanted a log that covers all of it; correct start_s under "
             "[import], or record the whole test"
         )
-    return read.at(time), read.beside(time)
+    return read.at(time), read.beside(time), read.doubt
 
 
 def _along(time: Array, pressure: Array) -> tuple[Array, Array] | None:

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.csvtable import read_sheet
-from twin.gauge.logcolumns import LogFormat, gauge_pressure, pressure_column, time_column
+from twin.gauge.logcolumns import LogFormat, asked_doubt, columns_of, gauge_pressure, log_sheet
 from twin.gauge.pressureunits import in_seconds
 from twin.targets import Array
 
 BEYOND_S = 2.5  # more than the clocks of film and log may disagree (time_shift)
 MIN_SAMPLES = 30  # the sd of 30 white samples is known to 13 %
+STILL = 0.005  # of a log's range, within which it rests
 SLOW_S = 1.0  # between samples; loggers of pressure take ten or more a second
 
 
@@ -24,6 +24,7 @@ class Log:
     pressure: Array  # (t,) MPa
     lamp: Array | None = None  # (t,) column flash: 0, and 1 from when a lamp in the film went on
     source: str = ""  # which column it is and in which unit it stands there, for messages
+    doubt: str = ""  # a sentence on that column
 
     def at(self, time: Array) -> Array:
         """The pressure (s,) MPa at times (s,) s within the log, linear between its samples."""
@@ -71,21 +72,21 @@ def read_log(path: Path, *, time_shift_s: float, form: LogFormat | None = None) 
     Headings are such as time_s, t [ms]; pressure_MPa, p [bar], Pressure (psi). ValueError names line, column
     and value, and what is unclear: two pressures, no unit, one that contradicts twin.toml, absolute pressure.
     """
-    sheet = read_sheet(path, wanted="time_s,pressure_MPa")
     form = form or LogFormat()
-    clock, p = time_column(sheet), pressure_column(sheet, form)
-    if clock is None:
-        raise ValueError(f"{path}: column time_s is missing: the header is {','.join(sheet.header)}; wanted "
-                         "the time in s, such as time_s or t [ms]")  # fmt: skip
+    sheet = log_sheet(path, form)
+    clock, p = columns_of(sheet, form)
     table = sheet.table((clock.name, p.name), also=("flash",))
-    time = in_seconds(table.numbers(clock.name, unit=clock.unit), clock.unit)
-    _check_columns(path, time, table.numbers(p.name, unit=p.unit), clock.name, p.name)
-    table.increasing(clock.name, time, unit="s")
+    ticks = table.numbers(clock.name, unit=clock.unit)
+    _check_columns(path, ticks, table.numbers(p.name, unit=p.unit), clock.name, p.name)
+    table.increasing(clock.name, ticks, unit=clock.unit)
+    time = in_seconds(ticks, clock.unit)
     if len(time) < 2:
         raise ValueError(f"{path}: {len(time)} sample; wanted two or more")
     pressure, unit = gauge_pressure(table, p, form)
     lamp = table.numbers("flash", unit="1") if "flash" in table.cells else None
-    return Log(path, time + time_shift_s, pressure, lamp, f"column {p.name!r}, in {unit}")
+    return Log(
+        path, time + time_shift_s, pressure, lamp, f"column {p.name!r}, in {unit}", asked_doubt(p, form)
+    )
 
 
 def _check_columns(path: Path, time: Array, pressure: Array, *names: str) -> None:
@@ -126,6 +127,29 @@ def _in_minutes(log: Log, film_s: float) -> str:
     return f"; its time may be in min, as {lasts:.3g} min are {60.0 * lasts:.3g} s: then write it in s"
 
 
+def all_rest(log: Log, start: float, end: float) -> tuple[float, float]:
+    """The times (s) between which the gauge rests: those given, or, where too few samples lie there, all rest
+    before and behind them, up to the onset of the pressure.
+
+    >>> time = np.arange(0, 20, 0.1)
+    >>> log = Log(Path("p.csv"), time, 0.03 * np.clip(time - 16, 0, 1) + 1e-5 * np.sin(7 * time))
+    >>> [round(x, 1) for x in all_rest(log, 14.0, 15.8)]
+    [0.0, 16.0]
+    """
+    inside = (log.time >= start) & (log.time <= end)
+    if inside.sum() >= MIN_SAMPLES or not inside.any():
+        return start, end
+    level = log.pressure[inside]
+    far = np.abs(log.pressure - np.median(level)) > max(
+        STILL * float(np.ptp(log.pressure)), 4 * float(level.std())
+    )
+    first, last = np.flatnonzero(inside)[[0, -1]]
+    before, behind = np.flatnonzero(far[:first]), np.flatnonzero(far[last:])
+    begin = int(before[-1]) + 1 if len(before) else 0
+    stop = int(last + behind[0]) - 1 if len(behind) else len(far) - 1
+    return float(log.time[begin]), float(log.time[stop])
+
+
 def gauge_noise(log: Log, *, start: float, end: float) -> GaugeNoise:
     """The white noise of the gauge from the log between two times (s) at which nothing moves.
 
@@ -138,7 +162,7 @@ def gauge_noise(log: Log, *, start: float, end: float) -> GaugeNoise:
     samples = log.pressure[inside]
     if len(samples) < MIN_SAMPLES:
         step = float(np.median(np.diff(log.time)))
-        likely = "log faster, or correct static_start_s in twin.toml"
+        likely = "log faster, or let the log run longer at rest before the film"
         if step > SLOW_S and (end - start) / step * 1e3 > MIN_SAMPLES:
             likely = f"its samples are {step:g} s apart, so its time is likely in ms: write it in s"
         raise ValueError(

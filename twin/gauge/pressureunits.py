@@ -11,13 +11,23 @@ import numpy as np
 
 from twin.targets import Array
 
-PRESSURE = ("pressure", "press", "p")  # first word of a heading that speaks of the pressure
+PRESSURE = ("pressure", "press", "p", "druck")  # first word of a heading that speaks of the pressure
 VOLTAGE = ("voltage", "volt", "volts", "u", "signal")  # only where a calibration line is given
-TIME = ("time", "t", "timestamp")
-KNOWN = ("Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi", "V", "mV", "s", "ms", "min")
+# Words of what was asked of a regulator, not measured.
+ASKED = (
+    "set", "setpoint", "setpt", "sp", "target", "command", "commanded", "cmd", "ref", "reference", "soll",
+    "sollwert", "solldruck", "desired", "demand", "goal", "theoretical", "requested", "nominal",
+)  # fmt: skip
+TIME = ("time", "t", "timestamp", "elapsed", "zeit", "x_value")
+CLOCKS = {"millis": "ms", "micros": "us"}  # Arduino's
+TIMES = ("s", "ms", "us", "min")
+KNOWN = ("Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi", "V", "mV", *TIMES)
 GAUGE = {"psig": "psi", "barg": "bar", "bar(g)": "bar", "kpag": "kPa"}  # gauge pressure, as wanted
 ABSOLUTE = ("psia", "bara", "bar(a)", "kpaa", "mbara", "kpa(a)")
-SLOPPY = {"sec": "s", "seconds": "s", "second": "s", "msec": "ms", "volt": "V", "volts": "V"}
+SLOPPY = {
+    "sec": "s", "seconds": "s", "second": "s", "msec": "ms", "milliseconds": "ms", "usec": "us",
+    "\u00b5s": "us", "\u03bcs": "us", "microseconds": "us", "minutes": "min", "volt": "V", "volts": "V",
+}  # fmt: skip
 UNITS = "MPa, kPa, Pa, hPa, bar, mbar, psi, or V with a calibration line"
 
 
@@ -63,6 +73,8 @@ def unit_of(text: str, *, what: str) -> str:
 
     >>> unit_of("barg", what="log.csv"), unit_of("kpa", what="log.csv")
     ('bar', 'kPa')
+    >>> unit_of("N/mm2", what="log.csv")
+    'N/mm^2'
     >>> unit_of("bar abs", what="log.csv")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
     ValueError: log.csv is absolute pressure (bar abs): wanted gauge pressure, ...
@@ -71,6 +83,7 @@ def unit_of(text: str, *, what: str) -> str:
     if plain.lower() in ABSOLUTE or speaks_of_absolute(plain):
         refuse_absolute(plain, what=what)
     plain = GAUGE.get(plain.lower(), SLOPPY.get(plain.lower(), plain))
+    plain = re.sub(r"(?<=/)([a-z]+)(?:2|\u00b2)$", r"\1^2", plain)  # N/mm2, kgf/cm2
     for unit in KNOWN:
         # m and M are a factor of 1e9 apart, so their case must be right; that of the others says nothing
         if plain.lower() == unit.lower() and (plain[0] == unit[0] or plain[0] not in "mM"):
@@ -80,6 +93,41 @@ def unit_of(text: str, *, what: str) -> str:
     if not _is_pressure(plain):
         raise ValueError(f"{what} has the unit {text!r}, which is none of pressure: wanted one of {UNITS}")
     return plain
+
+
+def time_unit(text: str, *, what: str) -> str:
+    """The unit of a time: s, ms, us or min. ValueError for another or none.
+
+    >>> time_unit("msec", what="log.csv"), time_unit("us", what="log.csv")
+    ('ms', 'us')
+    """
+    unit = SLOPPY.get(text.strip().lower(), text.strip())
+    if unit.lower() not in TIMES:
+        has = f"the unit {unit!r}" if unit else "no unit"
+        raise ValueError(f"{what} has {has}: wanted s, ms, us or min, as in time_s or t [ms]")
+    return unit.lower()
+
+
+def is_pressure(unit: str) -> bool:
+    """True for a unit of pressure, absolute or gauge, clear or not.
+
+    >>> is_pressure("kPa"), is_pressure("N")
+    (True, False)
+    """
+    try:
+        return bool(unit) and unit_of(unit, what="") not in ("V", "mV", *TIMES)
+    except ValueError as error:
+        return "none of pressure" not in str(error)
+
+
+def words_of(text: str) -> list[str]:
+    """The words of a heading in small letters; those that are written together, too, are parted.
+
+    >>> words_of("pressureSetpoint_kPa")
+    ['pressure', 'setpoint', 'kpa']
+    """
+    parted = re.sub(r"(?<=[a-z]{2})(?=[A-Z][a-z])", " ", text)
+    return re.findall(r"[^\W\d_]+", parted.lower())
 
 
 def speaks_of_absolute(text: str) -> bool:
@@ -124,7 +172,7 @@ def in_MPa(values: Array, unit: str, *, line: Line | None) -> Array:
 
 
 def in_seconds(values: Array, unit: str) -> Array:
-    """Times (t,) s from times (t,) in s, ms or min.
+    """Times (t,) s from times (t,) in s, ms, us or min.
 
     >>> in_seconds(np.array([0.0, 250.0]), "ms").tolist()
     [0.0, 0.25]

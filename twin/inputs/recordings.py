@@ -10,7 +10,7 @@ from twin.csvtable import Table, read_sheet
 from twin.formats.importtable import ImportTable
 from twin.gauge.logcolumns import LogFormat
 from twin.gauge.logfaults import check_signal, rest_remark
-from twin.gauge.pressurelog import GaugeNoise, Log, check_covers, gauge_noise, read_log
+from twin.gauge.pressurelog import GaugeNoise, Log, all_rest, check_covers, gauge_noise, read_log
 from twin.gauge.pressuretable import PressureTable
 from twin.gauge.pressureunits import Line
 from twin.inputs.camerarecord import stored_cameras, stored_rig
@@ -77,10 +77,7 @@ def marks_of(project: Project) -> list["Mark"]:
     from twin.calibrated.positions import position_of
     from vision import Mark
 
-    marks = [
-        Mark(m.name, mark_kind(m), m.position_mm, m.role)
-        for m in project.config.frame.markers
-    ]
+    marks = [Mark(m.name, mark_kind(m), m.position_mm, m.role) for m in project.config.frame.markers]
     structure = None
     if not all(p.node and p.position_mm for p in project.config.points):
         structure = structure_of(project)
@@ -205,19 +202,21 @@ def said_of_log(project: Project, film: Array, log: Log, start_s: float) -> tupl
     """Sentences on what is odd in the log during the film (t,) s; ValueError where its pressures are
     wrong."""
     rest = rest_remark(log, start=start_s, rest_s=project.config.measure.reference_s)
-    return (*check_signal(log, start=start_s, end=start_s + film[-1] - film[0]), *filter(None, (rest,)))
+    told = check_signal(log, start=start_s, end=start_s + film[-1] - film[0])
+    return (*told, *filter(None, (rest, log.doubt)))
 
 
 def gauge_of(project: Project, film: Array, static: Array, log: Log, start_s: float) -> GaugeNoise:
-    """The gauge noise during the static film, or in the film's first rest if its time is unknown. ValueError
-    where the log does not cover the films.
+    """The gauge noise during the static film, or, if its time is unknown, in the film's first rest, and in
+    all rest beside it where that has too few samples. ValueError where the log does not cover the films.
 
     film, static: (t,) s on their own clocks.   start_s: of the film on the log's clock.
     """
     table, rest_s = camera_table(project), project.config.measure.reference_s
     check_covers(log, film - film[0] + start_s, what="film", key="film_start_s")
     if table.static_start_s is None:
-        return gauge_noise(log, start=start_s, end=start_s + rest_s)
+        start, end = all_rest(log, start_s, start_s + rest_s)
+        return gauge_noise(log, start=start, end=end)
     time = static - static[0] + table.static_start_s
     check_covers(log, time, what="static film", key="static_start_s")
     return gauge_noise(log, start=float(time[0]), end=float(time[-1]))

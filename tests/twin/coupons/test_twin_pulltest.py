@@ -83,6 +83,10 @@ WRONG: dict[str, tuple[str, dict[str, object], str]] = {
     "not the named column": (table("Strain (%),Stress (MPa)", STRAIN, STRESS), {"stress": "P"}, "no line has headings of strain or stretch and 'P'"),
     "a word": (table("Strain (%),Stress (MPa)", 100 * STRAIN, STRESS) + "90,broken\n", {}, "line 163, column Stress .*'broken'"),
     "too few": (table("Strain (%),Stress (MPa)", np.array([0.0, 40.0]), np.array([0.0, 0.3])), {}, "1 values up to a stretch of 1.5; wanted 4 or more"),
+    "thousands marks": ("Extension (um);Load (N)\n" + "".join(f"{330 * k:,};{0.05 * k:.3f}\n" for k in range(20)), {"length_mm": 33.0, "area_mm2": 12.0}, "',' seems to stand between thousands"),
+    "a stretch called strain": (table("Strain (1),Stress (MPa)", L, STRESS), {}, "begins at a strain of 1, where the load is 0; wanted 0 at rest: is it a stretch"),
+    "unloading alone": (table("Time (s),Strain (%),Stress (MPa)", 10 * STRAIN, 100 * STRAIN[::-1], STRESS[::-1]), {}, "its strain only falls, as in unloading"),
+    "two faults": (table("Strain,Stress", STRAIN, STRESS), {}, "'Strain' has no unit .*; and column 'Stress' has no unit"),
     "no such cycle": (table("Strain (%),Stress (MPa)", 100 * STRAIN, STRESS), {"cycle": 3}, "cycle = 3, but it has 1 loading branches"),
     "force without area": (table("Strain (%),Load (N)", 100 * STRAIN, STRESS), {"force": "Load (N)"}, "force without area_mm2; add area_mm2"),
     "stress and area": (table("Strain (%),Stress (MPa)", 100 * STRAIN, STRESS), {"stress": "Stress (MPa)", "area_mm2": 18.0}, "stress and area_mm2 are both given"),
@@ -132,6 +136,66 @@ def test_compression_and_shear_are_read(read: Read) -> None:
         assert found.curve().predicted(RUBBER) == pytest.approx(found.curve().stress, abs=1e-3)  # means of a bin
     sheared = read(table("Weg (mm);Kraft (N)", 2 * STRAIN, 400 * 0.5 * STRAIN, mark=";"), kind="shear", length_mm=2.0, area_mm2=400.0)
     assert sheared.curve().predicted(RUBBER) == pytest.approx(sheared.curve().stress, abs=1e-6)
+
+
+def pulled(strain: Array = STRAIN, stress: Array = STRESS, *, head: str = "Extension (mm),Load (N)", first: float = 0.0) -> str:
+    return table(head, first + 33 * strain, 12 * stress)
+
+
+SIZE = {"length_mm": 33.0, "area_mm2": 12.0}
+KEPT = STRAIN <= 0.4
+FELL = np.where(KEPT, STRESS, 0.7 * STRESS)
+TORN = np.where(KEPT, STRESS, 0.0)
+COURSES: dict[str, tuple[str, str, Array]] = {
+    "a position": (pulled(head="Position (mm),Load (N)", first=33.0), r"Position \(mm\) begins at 33 mm: a position", STRESS),
+    "a crosshead": (pulled(head="Crosshead (mm),Load (N)", first=102.4), r"begins at 102\.4 mm: a position", STRESS),
+    "an extension far from 0": (pulled(first=17.0), r"begins at 17 mm: a position", STRESS),
+    "slip": (pulled(stress=FELL), r"falls by 29% at a strain of 40 % while the strain goes on: it slipped .* the 81 rows", STRESS[KEPT]),
+    "a tear": (pulled(stress=TORN), r"falls by 100% at a strain of 40 % .* the specimen tore; the 81 rows", STRESS[KEPT]),
+    "newest first": (pulled(STRAIN[::-1], STRESS[::-1]), "its rows stand newest first.* they are turned round", STRESS),
+    "two specimens": ("Specimen 1\n" + pulled() + "\nSpecimen 2\n" + pulled(stress=1.1 * STRESS), r"2 specimens, whose headers are the lines 2, 166: number 1 is used", STRESS),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("course", COURSES)
+def test_the_course_of_a_test_is_told_with_what_was_used(read: Read, course: str) -> None:
+    text, told, stress = COURSES[course]
+    found = read(text, **SIZE)
+    assert re.search(told, " ".join(found.remarks))
+    np.testing.assert_allclose(found.stress, stress, atol=2e-6)
+    np.testing.assert_allclose(found.strain[[0, -1]], [0, STRAIN[len(stress) - 1]], atol=1e-6)
+
+
+def test_another_specimen_is_taken_by_its_number(read: Read) -> None:
+    text = COURSES["two specimens"][0]
+    np.testing.assert_allclose(read(text, **SIZE, export_number=2).stress, 1.1 * STRESS, atol=2e-6)
+    with pytest.raises(ValueError, match="stands there 2 times; wanted 3"):
+        read(text, **SIZE, export_number=3)
+
+
+def test_held_strains_are_told_and_give_either_curve(read: Read) -> None:
+    steps = np.arange(0.1, 0.85, 0.1)
+    instant = nominal_stress(RUBBER, steps, "uniaxial")
+    relaxing = 1 - 0.15 * (1 - np.exp(-np.arange(20) / 4)) / (1 - np.exp(-19 / 4))
+    text = table("Strain (%),Stress (MPa)", np.repeat(100 * steps, 20), np.outer(instant, relaxing).ravel())
+    first = read(text)
+    assert re.search(r"held 8 times, .* by up to 15% \(relaxation\): the beginning .* instant, is used; holds = .relaxed.", first.remarks[0])
+    np.testing.assert_allclose(first.stress, instant, rtol=1e-6)
+    assert first.time is None
+    np.testing.assert_allclose(read(text, holds="relaxed").stress, 0.85 * instant, rtol=1e-6)
+    ramp = np.append(STRAIN, np.full(40, STRAIN[-1]))  # one hold at the top of a ramp
+    top = read(table("Strain (%),Stress (MPa)", 100 * ramp, np.append(STRESS, STRESS[-1] * np.linspace(1, 0.8, 40))))
+    np.testing.assert_allclose(top.stress, STRESS, atol=1e-6)
+    assert "held 1 times" in top.remarks[0]
+
+
+def test_noise_is_neither_slip_nor_a_hold(read: Read) -> None:
+    for seed in range(5):
+        noise = 0.01 * STRESS[-1] * np.random.default_rng(seed).standard_normal(len(STRAIN))
+        assert len(read(table("Strain (%),Stress (MPa)", 100 * STRAIN, STRESS + noise)).strain) >= 155
+    odd = STRESS.copy()
+    odd[90] = 0.0  # one row that the load cell dropped
+    assert len(read(table("Strain (%),Stress (MPa)", 100 * STRAIN, odd)).strain) == len(STRAIN)
 
 
 def test_a_preload_is_told(read: Read) -> None:

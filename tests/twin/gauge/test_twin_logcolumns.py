@@ -1,5 +1,6 @@
 """Pressure logs as people have them: units, headings, volts, decimal commas, and what is refused."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from tests.messages import saying
 from twin.gauge.logcolumns import LogFormat
-from twin.gauge.pressurelog import Log, check_lasts, read_log
+from twin.gauge.pressurelog import Log, all_rest, check_lasts, gauge_noise, read_log
 from twin.gauge.pressureunits import Line, heading, unit_of
 from twin.project.toml import parse
 
@@ -42,8 +43,8 @@ def test_rounded_times_are_told_from_rows_that_repeat(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"line 3, .* 39 of 50 rows repeat .* rounded to 0\.1 s: write it with more digits"):
         log_at(tmp_path, text)
     twice = rows(pressure).splitlines()
-    for lines in ([*twice[:5], *twice[4:]], [*twice[:20], *twice[:30]]):
-        with pytest.raises(ValueError, match="sort the rows by time and remove repeated ones"):
+    for lines, way in (([*twice[:5], *twice[4:]], "remove repeated rows"), ([*twice[:20], *twice[:30]], r"the clock jumped back by 0\.38 s at line 22: it wrapped, or the logger restarted")):
+        with pytest.raises(ValueError, match=way):
             log_at(tmp_path, "time_s,pressure_MPa\n" + "\n".join(lines) + "\n")
 
 
@@ -80,14 +81,14 @@ def test_decimal_commas_are_read_between_semicolons_and_tabs(tmp_path: Path, sep
         ("time_s,pressure_abs_kPa\n0,101\n1,130\n", None, "'pressure_abs_kPa' is absolute pressure"),
         ("time_s,p [furlong]\n0,1\n1,1.3\n", None, "the unit 'furlong', which is none of pressure"),
         ("time_s,p [%]\n0,1\n1,1.3\n", None, "the unit '%', which is none of pressure"),
-        ("time_s,p1_kPa,p_kPa,pressure_bar\n0,1,1,1\n", None, "columns 'p_kPa' and 'pressure_bar' are both of pressure"),
+        ("time_s,p1_kPa,p_kPa,pressure_bar\n0,1,1,1\n", None, "columns 'p1_kPa' and 'p_kPa' and 'pressure_bar' are all of pressure"),
         ("time_s,p_V\n0,0.5\n1,1.7\n", None, "is in V: wanted the calibration line .*volt_zero"),
         ("time_s,p_kPa\n0,0\n1,30\n", LogFormat(line=Line(0.5, 0.025)), "in kPa, but .* a calibration line for volts"),
         ("time_s,ai0\n0,0\n1,30\n", LogFormat("ai1", "kPa"), "column = 'ai1' is not in the header time_s,ai0"),
         ("time_s,p_kPa\n0,0\n1,30000\n", None, "p_kPa reaches 30 MPa, read in kPa; wanted 0.0001 to 1 MPa"),
         ("time_s,p_kPa\n0,0\n1,0.03\n", None, "p_kPa reaches 3e-05 MPa, read in kPa; wanted 0.0001 to 1 MPa"),
         ("time_s,p_kPa\n0,0\n1,300\n", LogFormat(top_kPa=30.0), "p_kPa reaches 300 kPa, .* set to 30 kPa .* likely in mbar; correct the unit"),
-        ("t,p_kPa\n0,0\n1,30\n", None, "column 't' has no unit: wanted s, ms or min"),
+        ("t,p_kPa\n0,0\n1,30\n", None, "column 't' has no unit: wanted s, ms, us or min"),
         ("p_kPa,x\n0,0\n1,30\n", None, "column time_s is missing"),
         ("time_s,p_kPa\n0,0,0,0\n0,5,30,1\n", None, "line 2: 4 cells; wanted 2, .*decimal commas.*semicolons"),
         ('time_s,p_kPa\n"0,0","0,0"\n"0,5","30,1"\n', None, "line 2, column time_s: '0,0': .*write a decimal point"),
@@ -156,7 +157,7 @@ def test_exchanged_columns_are_told(tmp_path: Path) -> None:
         read_log(tmp_path / "p.csv", time_shift_s=0.0)
     backwards = "".join(f"{1.0 - 0.02 * k},{1e-4 * k}\n" for k in range(50))  # a ramp: not exchanged
     (tmp_path / "p.csv").write_text("time_s,pressure_MPa\n" + backwards)
-    with pytest.raises(ValueError, match="sort the rows by time"):
+    with pytest.raises(ValueError, match="newest first; turn their order round"):
         read_log(tmp_path / "p.csv", time_shift_s=0.0)
 
 
@@ -166,3 +167,106 @@ def test_times_that_may_be_minutes_are_told(film_s: float, told: bool) -> None:
     with pytest.raises(ValueError, match=r"covers 0\.500 s, the film") as error:
         check_lasts(log, film_s)
     assert ("its time may be in min, as 0.5 min are 30 s" in str(error.value)) == told
+
+
+STAMP = "12:31:22.{:03d} -> "
+ABOVE: dict[str, str] = {
+    "comments": "# logger v2, channel 1\n# 2026-01-02\ntime_s,pressure_kPa\n{rows}",
+    "a header that is a comment": "# time_s,pressure_kPa\n{rows}",
+    "LabVIEW": "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tOne\n***End_of_Header***\t\n\t\nY_Unit_Label\tkPa\t\nX_Dimension\tTime\n***End_of_Header***\t\t\nX_Value\tPressure\tComment\n{tabs}",
+    "Arduino's monitor": "12:31:22.001 -> time_s,pressure_kPa\n{stamped}",
+    "words above": "Test,finger 3\nTime,12:00\n\nt [s];p [kPa]\n{semicolons}",
+    "units below": "Time,Pressure\n(s),(kPa)\n{rows}",
+    "elapsed": "Elapsed (s),Pressure (kPa)\n{rows}",
+    "another clock beside it": "Timestamp,Elapsed time (s),Pressure (kPa)\n{dated}",
+    "quoted headings": '"time_s", "pressure_kPa"\n{rows}',
+    "spaces": "# time_s pressure_kPa\n{spaces}",
+    "Windows-1252": "Pr\u00fcfstand;1\nZeit [s];Druck [kPa]\n{semicolons}",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", ABOVE)
+def test_lines_above_and_beside_the_columns_are_passed_over(tmp_path: Path, form: str) -> None:
+    plain = rows(1e3 * MPA)
+    text = ABOVE[form].format(
+        rows=plain, tabs=rows(1e3 * MPA, separator="\t").replace("\n", "\t\n"), semicolons=rows(1e3 * MPA, separator=";"),
+        spaces=rows(1e3 * MPA, separator=" "), stamped="".join(STAMP.format(k) + row + "\n" for k, row in enumerate(plain.split())),
+        dated="".join(f"2026-01-02 12:00:0{k},{row}\n" for k, row in enumerate(plain.split())),
+    )  # fmt: skip
+    (tmp_path / "p.csv").write_bytes(text.encode("cp1252"))
+    log = read_log(tmp_path / "p.csv", time_shift_s=0.0)
+    np.testing.assert_allclose(log.pressure, MPA, rtol=1e-12)
+    np.testing.assert_allclose(log.time, [0, 0.02, 0.04])
+
+
+@pytest.mark.parametrize(
+    ("head", "tick", "unit"), [("time_us", 1e6, "kPa"), ("millis", 1e3, "kPa"), ("micros", 1e6, "N/mm2"), ("t [ms]", 1e3, "kgf/cm2"), ("Time (\u00b5s)", 1e6, "N/mm\u00b2")]
+)
+def test_units_of_small_loggers(tmp_path: Path, head: str, tick: float, unit: str) -> None:
+    per_MPa = {"kPa": 1e3, "N/mm2": 1.0, "N/mm\u00b2": 1.0, "kgf/cm2": 10.197162129779}[unit]
+    log = log_at(tmp_path, f"{head},p ({unit})\n" + "".join(f"{0.02 * k * tick:.0f},{float(p)!r}\n" for k, p in enumerate(MPA * per_MPa)))
+    np.testing.assert_allclose(log.pressure, MPA, rtol=1e-9)
+    np.testing.assert_allclose(log.time, [0, 0.02, 0.04])
+
+
+@pytest.mark.parametrize(
+    ("head", "ticks", "way"),
+    [
+        ("time_ms", [32500, 32750, -32536, -32286], r"jumped back by 65286 ms at line 4: it wrapped after 2\^16 ms; add 65536 ms"),
+        ("time_ms", [4294717, 4294955, 237.704, 487.704], r"jumped back by 4294717\.296 ms at line 4: it wrapped after 2\^32 us; add 4294967\.296 ms"),
+        ("micros", [4294500000, 4294750000, 32704, 282704], r"wrapped after 2\^32 us; add 4294967296 us"),
+        ("time_s", [0.0, 0.25, 0.0, 0.25], r"jumped back by 0\.25 s at line 4: it wrapped, or the logger restarted"),
+    ],
+)  # fmt: skip
+def test_a_clock_that_jumps_back_is_never_sorted(tmp_path: Path, head: str, ticks: list[float], way: str) -> None:
+    with pytest.raises(ValueError, match=way) as error:
+        log_at(tmp_path, f"{head},p_kPa\n" + "".join(f"{t},{k}\n" for k, t in enumerate(ticks)).replace(",3\n", ",0\n"))
+    assert "sort" not in str(error.value)
+
+
+@pytest.mark.parametrize("head", ["pressure_setpoint_kPa,measured_kPa", "Pressure command [kPa],Sensor [kPa]", "p_ref [kPa],y [kPa]", "theoreticalPSI (psi),actualPSI (psi)", "p_soll [kPa],p_ist [kPa]", "desired (bar),pressure (bar)"])
+def test_two_columns_that_may_be_the_pressure_are_asked_for(tmp_path: Path, head: str) -> None:
+    names = head.split(",")
+    text = f"time_s,{head}\n0,0,0\n1,2,1\n"
+    with pytest.raises(ValueError, match=saying(*map(re.escape, names), "both of pressure", "column under")):
+        log_at(tmp_path, text)
+    assert names[1] in log_at(tmp_path, text, LogFormat(names[1])).source
+
+
+@pytest.mark.parametrize(("name", "asked"), [("pressure_setpoint_kPa", True), ("p_soll [kPa]", True), ("Pressure target (kPa)", True), ("pressure_kPa", False), ("p reset (kPa)", False)])
+def test_a_setpoint_alone_is_told(tmp_path: Path, name: str, asked: bool) -> None:
+    text = f"time_s,{name}\n{rows(1e3 * MPA)}"
+    assert ("asked for, not what a gauge measured" in log_at(tmp_path, text).doubt) == asked
+    assert log_at(tmp_path, text, LogFormat(name)).doubt == ""  # the user has said so
+
+
+def test_all_faults_of_a_header_are_said_at_once(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=saying("'time_d' has the unit 'd'", "'p' has no unit")) as error:
+        log_at(tmp_path, "time_d,p\n0,0\n1,30\n")
+    assert str(error.value).count(str(tmp_path)) == 1
+    with pytest.raises(ValueError, match=saying("column time_s is missing", "column pressure_MPa is missing")):
+        log_at(tmp_path, "a,b\n0,0\n1,30\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "way"),
+    [
+        ("0,0\n1,30\n2,30\n", "no line has headings of time_s,pressure_MPa, and line 1 has numbers already: write a line"),
+        ("time_s,p_kPa\n0,0\n1,30\ntime_s,p_kPa\n0,0\n1,30\n", "the header stands in the lines 1, 4: the logger was started again"),
+        ("time_s;p_Pa\n0;0\n1;990\n2;1,320\n3;2,640\n", "'1,320': beside whole numbers such as 990: ',' seems to stand between thousands"),
+    ],
+)  # fmt: skip
+def test_other_forms_of_logs_are_refused(tmp_path: Path, text: str, way: str) -> None:
+    with pytest.raises(ValueError, match=way):
+        log_at(tmp_path, text)
+
+
+def test_a_slow_log_has_a_noise_from_all_rest_before_the_onset() -> None:
+    rng, time = np.random.default_rng(1), np.arange(0.0, 40.0, 0.1)
+    log = Log(Path("p.csv"), time, 0.03 * np.interp(time, [2, 3, 5, 6, 25, 26], [0, 1, 1, 0, 0, 1]) + 2e-5 * rng.standard_normal(len(time)))
+    start, end = all_rest(log, 20.0, 21.8)
+    assert (start, end) == (pytest.approx(6.0, abs=0.2), pytest.approx(25.0, abs=0.2))
+    noise = gauge_noise(log, start=start, end=end)
+    assert noise.sd_MPa == pytest.approx(2e-5, rel=0.15)  # 190 samples: 5 %
+    assert noise.samples >= 180
+    assert all_rest(log, 8.0, 24.0) == (8.0, 24.0)  # enough: as stated
