@@ -111,7 +111,7 @@ def change_effects(
         write_curves(run, change.tests)
         run.note(model.extent)
     project.set_effects(effects)
-    say(change_in_words(then and then.raw_rms_mm, comparison, effects))
+    say(change_in_words(then.raw_rms_mm if then else None, comparison, effects))
     history = waterfall.stairs(project)
     if len(history) > 2:
         say(waterfall.in_words(history))

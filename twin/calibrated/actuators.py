@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from twin.bodies.finger import BuiltIn
 from twin.bodies.kinds import BODIES
 from twin.calibrated.positions import on_model, on_surface, placed
@@ -47,7 +49,14 @@ class Actuator:
     def problem(self, data: Targets) -> CalibrationProblem:
         """The calibration problem of data (`read_table`): points at the nearest places of the surface.
         ValueError where a point is not on the actuator, or the data cannot be its displacements."""
+        if not isinstance(data, Targets):
+            raise ValueError(f"data: {type(data).__name__}; wanted the targets of twin.read_table(...)")
         case, points = self.structure.case, []
+        if case.pressurised and np.ptp(data.log_pressure) == 0:
+            raise ValueError(
+                f"the table: the pressure is {1e3 * data.log_pressure[0]:.4g} kPa in all rows; wanted rows "
+                "at rest and under pressure"
+            )
         for point in data.points:
             if point.kind is PointKind.UNKNOWN:
                 raise ValueError(
@@ -93,7 +102,13 @@ def tube(**stated: Any) -> Actuator:
 
 
 def bar(**stated: Any) -> Actuator:
-    """A bar without a chamber, which bends by its weight or hung loads: dimensions as under [model.bar]."""
+    """A bar without a chamber, which bends by its weight or hung loads: dimensions as under [model.bar].
+
+    >>> print(bar(density_kg_m3=1070))
+    225 nodes, Mooney-Rivlin silicone (C10, C01)
+    >>> bar(law="neo-hooke", effects=["creep"]).elasticity.law.names
+    ('C10',)
+    """
     return built_in("bar", **stated)
 
 
@@ -120,6 +135,8 @@ def built_in(
     fitted, bounds: lowest and highest values, MPa. mesh_error=False: the mesh is taken as exact.
     """
     table = checked(BODIES[kind], dimensions, name=kind)
+    if refine < 1:
+        raise ValueError(f"refine = {refine}: wanted 1, or 2 to halve all elements")
     body = BuiltIn() if kind == "finger" and not dimensions else table.body
     if lattice is not None:
         assert isinstance(body, BuiltIn)
@@ -165,13 +182,18 @@ def _actuator(
     bounds: Mapping[str, tuple[float, float]] | None, bends_down: bool, mesh_error: bool,
 ) -> Actuator:  # fmt: skip
     structure = closed(structure) if self_contact else structure
+    if density_kg_m3 is not None and not 100 <= density_kg_m3 <= 20000:
+        raise ValueError(f"density_kg_m3 = {density_kg_m3:g}: wanted kg/m3, such as 1070")
     structure = structure if density_kg_m3 is None else weighed(structure, density(density_kg_m3))
     structure = beside(structure, RigidObject.of(obstacle)) if obstacle else structure
     nominal, held = structure.nominal, dict(fixed or {})
     for key, named in (("fixed", held), ("bounds", bounds or {})):
         if unknown := sorted(set(named) - set(nominal.law.names)):
             raise ValueError(f"{key}: {unknown[0]}; wanted {' or '.join(nominal.law.names)}, in MPa")
+    if wrong := [f"{name} = {ends!r}" for name, ends in (bounds or {}).items() if np.size(ends) != 2]:
+        raise ValueError(f"bounds: {wrong[0]}; wanted the lowest and the highest value, MPa")
     limits = {**nominal.law.around(nominal), **(bounds or {})}
+    effects = [effects] if isinstance(effects, str) else effects
     return Actuator(
         structure=structure, elasticity=Elasticity(nominal.law, bounds=limits, fixed=held, nominal=nominal),
         effects=tuple(effects), own=tuple(own), bends_down=bends_down, mesh_error=mesh_error,

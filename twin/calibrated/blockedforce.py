@@ -1,4 +1,4 @@
-"""A held pressure -> the force with which a finger presses whose end is kept at its height.
+"""The blocked force: the force of a finger under a held pressure whose end is kept at its height.
 
 The force acts on the end face, grows with the pressure as it rises, and is the one at which the middle of the
 end face has not moved in z when the pressure is reached: the blocked force of soft robotics. What the film
@@ -40,22 +40,22 @@ class Blocked:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Of 95 %, in N; none where the fit has none."""
+        """The 95 % interval in N; None where the fit has none."""
         return interval(self.force, self.sd, self.why)
 
 
 def blocked_force(problem: CalibrationProblem, record: FitRecord, course: WantedCourse, say: Say) -> Blocked:
     """The force at the end of a course. ValueError where none is found that keeps the end at its height."""
-    own, model = followed(problem, record, [course], {}, say)
+    extended, model = followed(problem, record, [course], {}, say)
     theta, fitted = record.fit.theta, model.named(record.fit.theta)
     pressure = float(np.interp(course.output[-1], course.time, course.pressure))
     beyond = pressure > SAME * float(problem.targets.log_pressure.max())
-    push = OutsideForce(1.0, ("up",), growing=True)
-    (name,) = (p.name for p in push.parameters)
+    force_effect = OutsideForce(1.0, ("up",), growing=True)
+    (name,) = (p.name for p in force_effect.parameters)
     bare = model.on_mesh(None)
-    pushed = bare.with_effect(push)
+    pushed = bare.with_effect(force_effect)
     # As much as at the free finger: a finer mesh changes what the pressure does more than the compliance.
-    finer = _height(own, model.predict(theta)) - _height(own, bare.predict(theta))
+    finer = _height(extended, model.predict(theta)) - _height(extended, bare.predict(theta))
 
     def at(rate: float) -> Array:
         return pushed.theta({**fitted, name: rate})
@@ -63,21 +63,21 @@ def blocked_force(problem: CalibrationProblem, record: FitRecord, course: Wanted
     def height(rate: float) -> tuple[float, float]:
         k = [p.name for p in pushed.parameters].index(name)
         u, slope = pushed.predict(at(rate)), pushed.jacobian(at(rate))[k]
-        return _height(own, u) + finer, _height(own, slope)
+        return _height(extended, u) + finer, _height(extended, slope)
 
     rate, slope = _kept(height, pressure)
-    uncertain = Uncertain.of(model, theta, record, own, beyond=beyond)
+    uncertain = Uncertain.of(model, theta, record, extended, beyond=beyond)
     columns, s = uncertain.columns.copy(), len(problem.targets.time)
     free = [p.name != name and p.name not in record.at_bound for p in pushed.parameters]
     columns[: sum(free), s:] = pushed.jacobian(at(rate))[free][:, s:]
     change, factors = told_by_film(problem.targets, model, theta, replace(uncertain, columns=columns))
     if record.adequate:  # what the film asks of mesh and laws moves the end, too
-        rate -= _height(own, change) / slope
-    off = np.array([_height(own, one) for one in factors])
+        rate -= _height(extended, change) / slope
+    height_errors = np.array([_height(extended, factor) for factor in factors])
     return Blocked(
         pressure=pressure,
         force=pressure * rate,
-        sd=pressure * float(np.linalg.norm(off)) / abs(slope),
+        sd=pressure * float(np.linalg.norm(height_errors)) / abs(slope),
         beyond=beyond,
         why=why_none(record),
     )
@@ -85,7 +85,7 @@ def blocked_force(problem: CalibrationProblem, record: FitRecord, course: Wanted
 
 def _height(targets: Targets, u: Array) -> float:
     """By how much the middle of the end face has moved in z, mm, at the last step of u (s, p, 3) mm."""
-    ends = [targets.names.index(one) for one in (LOW, HIGH)]
+    ends = [targets.names.index(name) for name in (LOW, HIGH)]
     return float(u[-1, ends, 2].mean())
 
 

@@ -35,8 +35,8 @@ class FolderCache:
         path = {key: self.folder / f"{key}.npz" for key in tasks}
         missing = [key for key in tasks if not path[key].exists()]
         executor = current() if len(missing) > 1 else Serial()  # one alone gains nothing elsewhere
-        made = executor.ended([tasks[key] for key in missing])
-        for done, (k, array) in enumerate(made, start=1):  # by its key: in any order
+        results = executor.ended([tasks[key] for key in missing])
+        for done, (k, array) in enumerate(results, start=1):  # by its key: in any order
             self.say.progress(stage, done, len(missing))
             files.write_npz(path[missing[k]], {"array": array})
         return {key: np.asarray(files.read_npz(path[key], "array")["array"], float) for key in tasks}
@@ -49,14 +49,14 @@ class SolvedRow(Record):
     @model_validator(mode="before")
     @classmethod
     def _former(cls, row: Any) -> Any:
-        """A row as it was written when Mooney-Rivlin was the only law."""
+        """A row, also in the former format without named values (C10, C01, top_MPa)."""
         if not (isinstance(row, dict) and set(row) == {"C10", "C01", "top_MPa"}):
             return row
         return {"values": {name: row[name] for name in ("C10", "C01")}, "top_MPa": row["top_MPa"]}
 
 
 class SolvedRows(RootModel[tuple[SolvedRow, ...]]):
-    """Where finer meshes were solved."""
+    """Constants and pressures at which finer meshes were solved."""
 
 
 @dataclass(frozen=True)
@@ -84,23 +84,25 @@ class SolvedList:
         return [SolvedAt(self.law.of(row.values), row.top_MPa) for row in rows]
 
     def serving(
-        self, own: Constants, pressure: float, *, low: float = 0.0, high: float = np.inf
+        self, constants: Constants, pressure: float, *, low: float = 0.0, high: float = np.inf
     ) -> SolvedAt | None:
-        """The oldest that serves constants up to a pressure in MPa: its scale is `low` to `high`
-        times theirs, and it reaches as far as they do and at most FURTHER times that; None where there is
-        none."""
-        for one in self.known:
-            scale = one.constants.scale / own.scale
-            if low <= scale <= high and scale * pressure <= one.top <= FURTHER * scale * pressure:
-                return one
+        """The oldest solve that serves constants up to a pressure in MPa; None without one.
+
+        Its scale is `low` to `high` times the scale of the constants; its pressure, scaled likewise, is at
+        least theirs and at most FURTHER times that.
+        """
+        for solved in self.known:
+            scale = solved.constants.scale / constants.scale
+            if low <= scale <= high and scale * pressure <= solved.top <= FURTHER * scale * pressure:
+                return solved
         return None
 
     def add(self, solved: SolvedAt) -> None:
-        """The list with one more."""
+        """Append a solve, once."""
         if self.path is None:
             self.memory.append(solved)
         elif solved not in self.known:
-            every = ((one.constants, one.top) for one in (*self.known, solved))
+            every = ((former.constants, former.top) for former in (*self.known, solved))
             rows = tuple(SolvedRow(values=c.named, top_MPa=top) for c, top in every)
             files.write_json(self.path, SolvedRows(rows))
 

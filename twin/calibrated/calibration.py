@@ -105,19 +105,19 @@ class Calibration:
         ]
         return Report(said=(self.comparison.where,), rows=tuple(rows))
 
-    def add(self, found: "Diagnosed | str", *, say: Say | None = None) -> "Calibration":
+    def add(self, what: "Diagnosed | str", *, say: Say | None = None) -> "Calibration":
         """The model with an effect more, refitted: that which a diagnosis names, or a label such as
         "creep:2". ValueError where the diagnosis names none, or the model cannot have it."""
-        if isinstance(found, Diagnosed):
-            labels = (*self.problem.labels, *(e.label for e in found.diagnosis.effects))
-            kept = found.diagnosis.kept
-            if not found.diagnosis.effects:
-                raise ValueError(f"the diagnosis names no effect: {found.diagnosis.verdict}")
+        if isinstance(what, Diagnosed):
+            labels = (*self.problem.labels, *(e.label for e in what.diagnosis.effects))
+            judged = what.diagnosis.kept
+            if not what.diagnosis.effects:
+                raise ValueError(f"the diagnosis names no effect: {what.diagnosis.verdict}")
             problem = replace(self.problem, effects=labels)
-            if isinstance(kept, Judged):
-                return Calibration(problem=problem, judged=kept)
-            return self._refitted(labels, found.diagnosis.start, say or Silent())
-        groups = effects_of(found, users=self.problem.own_effects, law=self.problem.law)
+            if isinstance(judged, Judged):
+                return Calibration(problem=problem, judged=judged)
+            return self._refitted(labels, what.diagnosis.start, say or Silent())
+        groups = effects_of(what, users=self.problem.own_effects, law=self.problem.law)
         start: dict[str, float] = {}
         labels = self.problem.labels
         for effect in groups[0]:
@@ -128,7 +128,7 @@ class Calibration:
 
     def drop(self, name: str, *, say: Say | None = None) -> "Calibration":
         """The model without an effect, refitted. ValueError where it does not have it."""
-        labels = tuple(one for one in self.problem.labels if name_of(one) != name_of(name))
+        labels = tuple(label for label in self.problem.labels if name_of(label) != name_of(name))
         if labels == self.problem.labels:
             raise ValueError(f"{name!r}: the model has {', '.join(labels) or 'no effect'}; name one of these")
         return self._refitted(labels, {}, say or Silent())
@@ -146,18 +146,23 @@ class Calibration:
     def predict(
         self,
         *pressure: str,
-        at: Sequence[str] = (),
+        at: str | Sequence[str | Sequence[float]] = (),
         ramp_s: float = 2.0,
         hold_s: float = 2.0,
         say: Say | None = None,
     ) -> "Predicted":
         """Displacements that nobody has measured, with 95 % intervals, under pressures such as "20kPa".
 
-        at: names of points, "x=60" or "x,y,z" in mm; by default the points of the data. Each pressure is
+        at: names of points, "x=60", or (x, y, z) in mm; by default the points of the data. Each pressure is
         reached in ramp_s and held for hold_s, s. ValueError for a pressure without a unit.
         """
-        places = asked(self.problem, at)
-        courses = [WantedCourse.held(pressure_of(text), ramp_s=ramp_s, hold_s=hold_s) for text in pressure]
+        texts = [at] if isinstance(at, str) else [_place_text(place) for place in at]
+        try:
+            places, tops = asked(self.problem, texts), [pressure_of(str(text)) for text in pressure]
+        except ValueError as error:  # as the options of the command have it
+            text = str(error).replace("--at ", "at ").replace("--pressure ", "pressure ")
+            raise ValueError(text.replace("of the project", "of the data")) from None
+        courses = [WantedCourse.held(top, ramp_s=ramp_s, hold_s=hold_s) for top in tops]
         if not courses:
             raise ValueError('predict: no pressure; wanted one or more, such as predict("20kPa")')
         return Predicted(tuple(predicted(self.problem, self.record, courses, places, say or Silent())))
@@ -215,6 +220,8 @@ def calibrate(
     whitened by noise and shared errors, those of the mesh included (`CalibrationProblem`). ValueError where
     data and actuator do not belong together, or nothing can be solved at the start.
     """
+    if not isinstance(model, Actuator):
+        raise ValueError(f"model: {type(model).__name__}; wanted an actuator such as twin.finger()")
     problem, say = model.problem(data), say or Silent()
     fitted = problem.model()
     values: dict[str, float] = {}
@@ -235,6 +242,15 @@ def calibrate(
     except Unsolvable as error:
         raise ValueError(f"the model cannot be fitted: {error}") from None
     return Calibration(problem=problem, judged=judged)
+
+
+def _place_text(place: "str | Sequence[float]") -> str:
+    """The text of a place, as `twin predict --at` takes it.
+
+    >>> _place_text((60, 11.5, 0)), _place_text("tip")
+    ('60,11.5,0', 'tip')
+    """
+    return place if isinstance(place, str) else ",".join(f"{float(x):.9g}" for x in np.ravel(place))
 
 
 def _misfit(problem: CalibrationProblem, model: Any, theta: Array) -> float:
@@ -282,23 +298,23 @@ def diagnose(
     problem = fit.problem
     if data is not None and not np.array_equal(data.value, problem.targets.value, equal_nan=True):
         raise ValueError("data: not those of the fit; wanted the same table: calibrate with these first")
-    own, law = problem.own_effects, problem.law
-    named = [one for one in effects if isinstance(one, Effect)]
+    user_effects, law = problem.own_effects, problem.law
+    wanted_effects = [effect for effect in effects if isinstance(effect, Effect)]
     for label in effects:
         if isinstance(label, str):
-            named += [e for group in effects_of(label, users=own, law=law) for e in group]
-    candidates = named or [*all_effects(law), *own]
+            wanted_effects += [e for group in effects_of(label, users=user_effects, law=law) for e in group]
+    candidates = wanted_effects or [*all_effects(law), *user_effects]
     progress = (say or Silent()).progress
-    found = procedure.diagnose(
+    diagnosis = procedure.diagnose(
         fit.judged.model, candidates, problem.targets, seed=seed, start=fit.fit, progress=progress,
         beside=None if stand_ins else (),
     )  # fmt: skip
     rows = [
         {"effect": h.effect.label, "score": float(h.z), "evidence": h.evidence, "note": h.note}
-        for h in found.ranking
+        for h in diagnosis.ranking
     ]
-    said = (f"Verdict: {found.verdict}", found.sentence)
-    return Diagnosed(said=tuple(filter(None, said)), rows=tuple(rows), diagnosis=found)
+    sentences = (f"Verdict: {diagnosis.verdict}", diagnosis.sentence)
+    return Diagnosed(said=tuple(filter(None, sentences)), rows=tuple(rows), diagnosis=diagnosis)
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,8 +338,8 @@ class Predicted:
                 rows.append(row)
         why = next((f"No interval: {state.why}." for state in self.states if state.why), "")
         beyond = any(state.beyond.any() for state in self.states)
-        said = (why, "Beyond the pressure of the data: nobody has tested it." if beyond else "")
-        return Report(said=tuple(filter(None, said)), rows=tuple(rows))
+        sentences = (why, "Beyond the pressure of the data: nobody has tested it." if beyond else "")
+        return Report(said=tuple(filter(None, sentences)), rows=tuple(rows))
 
     def __str__(self) -> str:
         return str(self._report)
@@ -354,11 +370,11 @@ class Posterior:
             return Report(said=(f"No interval: {self.sample.doubt}.",))
         every, rows = self.sample.density.true(self.sample.chain.samples), list[dict[str, Any]]()
         for name in profiled_names([p.name for p in self.fit.parameters]):
-            own = held(self.fit.parameters, name)
-            x = np.apply_along_axis(own.value, 1, every)
+            quantity = held(self.fit.parameters, name)
+            x = np.apply_along_axis(quantity.value, 1, every)
             low, high = (float(q) for q in np.percentile(x, END))
             rows.append({"parameter": name, "mean": float(x.mean()), "sd": float(x.std()), "low_95": low,
-                         "high_95": high, "unit": own.unit})  # fmt: skip
+                         "high_95": high, "unit": quantity.unit})  # fmt: skip
         return Report(rows=tuple(rows))
 
     def __str__(self) -> str:
@@ -381,7 +397,7 @@ class _Memory:
         self.checks: dict[int, Array] = {}
 
     def solve(self, theta: Array) -> WholeSolve | None:
-        return next((one for one in self.solves if np.array_equal(one.theta, theta)), None)
+        return next((solve for solve in self.solves if np.array_equal(solve.theta, theta)), None)
 
     def add_solve(self, solve: WholeSolve) -> None:
         self.solves.append(solve)

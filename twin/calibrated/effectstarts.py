@@ -11,12 +11,15 @@ HALVED = 6  # times at most
 
 
 def begun(now: Judged, chosen: Effect) -> tuple[Effect, Start]:
-    """The effect with values to begin a fit at: of its narrowest law, at the size and in the entry of its
-    tries that lower chi2 most to first order, carried on to the wider ones."""
+    """The effect and start values of its fit.
+
+    They are those of its narrowest law, at the size and the entry of its tries that lower chi2 most to first
+    order, carried on to the wider laws.
+    """
     laws, test = chosen.laws(), now.model.test
-    law = laws[0] if chosen.label in [one.label for one in laws] else chosen
-    (found,) = screened(now, signatures_of(now, [law]))
-    values = dict(found.start) or {**now.values, **nominal(law, test)}
+    law = laws[0] if chosen.label in [narrower.label for narrower in laws] else chosen
+    (screening,) = screened(now, signatures_of(now, [law]))
+    values = dict(screening.start) or {**now.values, **nominal(law, test)}
     if chosen.label == law.label:
         return law.at(values, test), _within(now, chosen, values)
     for wider in laws[1:]:
@@ -40,16 +43,15 @@ def _within(now: Judged, e: Effect, values: Start) -> Start:
 
 
 def nominal(e: Effect, test: Test) -> Start:
-    """Values of an effect of which nothing is known: half a typical step from null, the middle of its
-    tries."""
+    """Default start values of an effect: half a typical step from null, or the middle of its tries."""
     half = {p.name: (p.null or 0.0) + 0.5 * p.step for p in e.parameters}
     tried = e.tries(test)
-    stated = {p.name: p.start for p in e.parameters if p.start is not None}
-    return {**half, **stated, **tried[len(tried) // 2]}
+    starts = {p.name: p.start for p in e.parameters if p.start is not None}
+    return {**half, **starts, **tried[len(tried) // 2]}
 
 
-def begun_from(model: Model, known: Theta, start: Theta) -> dict[str, float]:
-    """Values of a start, and known ones beside it; where no rubber is stable with them, as may be to first
-    order, the known ones count."""
-    values = {**known, **start}
-    return values if model.allowed(values) else {**start, **known}
+def begun_from(model: Model, fitted: Theta, start: Theta) -> dict[str, float]:
+    """Start values beside fitted ones (`start` counts first); where the rubber is not stable with these, the
+    fitted ones count first."""
+    values = {**fitted, **start}
+    return values if model.allowed(values) else {**start, **fitted}

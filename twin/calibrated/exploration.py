@@ -1,4 +1,4 @@
-"""A finger and values of what is varied -> how it bends and how far its walls are stretched.
+"""Exploration of a finger: its bending and the stretch of its walls at varied parameters and dimensions.
 
 Constants and amplitudes of effects are parameters of a model; dimensions ask for a mesh of their own. Every
 row is solved on its own and from nothing, so that it is the same whichever process solves it, and when.
@@ -33,9 +33,11 @@ SOLVES = 8  # of a response, for each variable beyond four two more
 
 @dataclass(frozen=True)
 class FingerAnswer:
-    """What a finger shows under the pressure, against itself at rest: u1_mm and u3_mm of the lowest place of
-    its end face, angle_deg by which that turns about y (down is positive), the highest principal stretch at
-    an integration point of its walls; nodes of the mesh."""
+    """Response of a finger to the pressure, relative to rest.
+
+    u1_mm, u3_mm: displacement of the lowest place of its end face; angle_deg: turn of that face about y, down
+    is positive; stretch: highest principal stretch at an integration point of its walls; nodes of the mesh.
+    """
 
     u1_mm: float
     u3_mm: float
@@ -68,9 +70,9 @@ class VariedFinger:
     def meshed(self, dimensions: Mapping[str, float]) -> Case:
         """The case of the finger with other dimensions. ValueError where there is none."""
         assert self.table is not None
-        whole = {name for name in dimensions if isinstance(getattr(self.table, name), int)}
-        stated = {name: int(x) if name in whole else x for name, x in dimensions.items()}
-        body = type(self.table).model_validate({**self.table.model_dump(), **stated}).body
+        integers = {name for name in dimensions if isinstance(getattr(self.table, name), int)}
+        sizes = {name: int(x) if name in integers else x for name, x in dimensions.items()}
+        body = type(self.table).model_validate({**self.table.model_dump(), **sizes}).body
         if isinstance(body, BuiltIn) and self.lattice is not None:
             body = BuiltIn(body.finger, self.lattice)
         structure = of_body(body, refine=self.refine)
@@ -84,7 +86,7 @@ class VariedFinger:
         return frozenset(() if self.table is None else type(self.table).model_fields)
 
     def remeshes(self, name: str) -> bool:
-        """Whether a variable of this name changes the mesh, or moves its nodes."""
+        """True where a variable of this name changes the mesh, or moves its nodes."""
         shapes = {p.name for e in self.effects if e.order == Order.GEOMETRY for p in e.parameters}
         return name in self.dimensions or name in shapes
 
@@ -100,8 +102,8 @@ class VariedFinger:
 
 
 def moves_finger(effect: Effect) -> bool:
-    """Whether an effect changes the finger or its load, under a held pressure, and not what is seen of it or
-    what happens in the course of a film."""
+    """True where an effect changes the finger or its load under a held pressure; false for an effect on the
+    measurement, or on the course of a film."""
     return effect.order < Order.SLIP and effect.order not in (Order.COURSE, Order.CLOCK)
 
 
@@ -121,13 +123,13 @@ def table_of(finger: Finger) -> FingerTable:
 
 
 def solved_row(finger: VariedFinger, row: Mapping[str, float]) -> FingerAnswer | str:
-    """What the finger shows with these values, by a whole solve; or why it shows nothing."""
+    """The answer of the finger with these values, by a whole solve; a sentence where there is none."""
     dimensions = {name: x for name, x in row.items() if name in finger.dimensions}
     try:
         case = finger.meshed(dimensions) if dimensions else finger.case
     except ValidationError as error:
-        first = error.errors()[0]
-        return ": ".join([*map(str, first["loc"]), str(first["msg"]).removeprefix("Value error, ")])
+        details = error.errors()[0]
+        return ": ".join([*map(str, details["loc"]), str(details["msg"]).removeprefix("Value error, ")])
     except (ValueError, ArithmeticError, IndexError) as error:
         return str(error) or "these dimensions cannot be meshed"
     model = finger.model(case)
@@ -150,7 +152,7 @@ def tasks_of(finger: VariedFinger, rows: Sequence[Mapping[str, float]]) -> list[
 
 @dataclass(frozen=True)
 class FieldResponse:
-    """What stands for whole solves where no variable changes the mesh: a response of all nodes."""
+    """A response of all nodes, in place of whole solves where no variable changes the mesh."""
 
     response: RangedResponse
     problem: Problem
@@ -158,12 +160,12 @@ class FieldResponse:
 
     @staticmethod
     def of(finger: VariedFinger, variables: Sequence[Variable]) -> "FieldResponse":
-        """That of a finger over the ranges of variables. ValueError where it has no equilibrium in them."""
+        """The response of a finger over the ranges of variables. ValueError without an equilibrium there."""
         model = finger.model(finger.case, everywhere=True)
-        own = {v.name: (v.low, v.high) for v in variables}
+        ranges = {v.name: (v.low, v.high) for v in variables}
         theta = model.theta(finger.values)
         within = {
-            p.name: own.get(p.name) or _held(float(x), p.low, p.high, p.step)
+            p.name: ranges.get(p.name) or _held(float(x), p.low, p.high, p.step)
             for p, x in zip(model.parameters, theta, strict=True)
         }
         solves = SOLVES + 2 * max(len(variables) - 4, 0)
@@ -172,7 +174,7 @@ class FieldResponse:
         return FieldResponse(response, problem, tuple(p.name for p in model.parameters))
 
     def row(self, row: Mapping[str, float]) -> FingerAnswer | str:
-        """What the finger shows with these values; or why it cannot be said."""
+        """The answer of the finger with these values; a sentence outside the range of the response."""
         values = dict(zip(self.names, self.response.middle, strict=True)) | dict(row)
         try:
             u = self.response.answer(np.array([values[name] for name in self.names])).u[1]
@@ -188,7 +190,7 @@ def _held(x: float, low: float, high: float, step: float) -> tuple[float, float]
 
 
 def _shown(problem: Problem, u: Array) -> FingerAnswer:
-    """What displacements u (n, 3) mm of all nodes show."""
+    """The answer of displacements u (n, 3) mm of all nodes."""
     nodes = problem.case.nodes
     face = np.flatnonzero(nodes[:, 0] > nodes[:, 0].max() - 1e-6)
     rows = [face[nodes[face, 2].argmin()], face[nodes[face, 2].argmax()]]
@@ -197,8 +199,8 @@ def _shown(problem: Problem, u: Array) -> FingerAnswer:
     return FingerAnswer(float(u[rows[0], 0]), float(u[rows[0], 2]), float(angle[0]), stretch, len(nodes))
 
 
-def farthest(found: Sequence[tuple[FingerAnswer, FingerAnswer]]) -> FingerAnswer:
-    """The largest difference of each answer between pairs of the same row."""
-    every = np.array([[abs(a - b) for a, b in zip(asdict(x).values(), asdict(y).values())] for x, y in found])
+def farthest(pairs: Sequence[tuple[FingerAnswer, FingerAnswer]]) -> FingerAnswer:
+    """The largest difference of each quantity between paired answers."""
+    every = np.array([[abs(a - b) for a, b in zip(asdict(x).values(), asdict(y).values())] for x, y in pairs])
     u1, u3, angle, stretch, nodes = every.max(axis=0)
     return FingerAnswer(float(u1), float(u3), float(angle), float(stretch), int(nodes))

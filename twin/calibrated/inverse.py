@@ -1,4 +1,4 @@
-"""A wanted displacement -> the held pressure that gives it, and what is uncertain of that."""
+"""Inverse prediction: the held pressure that gives a wanted displacement, and its uncertainty."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -30,11 +30,15 @@ class Wanted:
 
     @staticmethod
     def of(text: str) -> "Wanted":
-        """Such as tip.U3=-40. ValueError where it is none."""
-        found = re.fullmatch(r"\s*(.+)\.[uU]([123])\s*=\s*([-+]?[0-9.]+(?:e[-+]?\d+)?)\s*(?:mm)?\s*", text)
+        """The displacement that a text such as tip.U3=-40 names. ValueError where it is none.
+
+        >>> Wanted.of("tip.U3=-40")
+        Wanted(point='tip', axis=2, value=-40.0)
+        """
+        match = re.fullmatch(r"\s*(.+)\.[uU]([123])\s*=\s*([-+]?[0-9.]+(?:e[-+]?\d+)?)\s*(?:mm)?\s*", text)
         try:
-            assert found is not None
-            return Wanted(found[1], int(found[2]) - 1, float(found[3]))
+            assert match is not None
+            return Wanted(match[1], int(match[2]) - 1, float(match[3]))
         except (AssertionError, ValueError):
             raise ValueError(
                 f"--inverse {text!r}: wanted POINT.U1=MM, U2 or U3, such as tip.U3=-40 for 40 mm down"
@@ -42,7 +46,7 @@ class Wanted:
 
     @property
     def words(self) -> str:
-        """As it was asked for."""
+        """The text of the option, such as tip.U3=-40."""
         return f"{self.point}.U{self.axis + 1}={self.value:g}"
 
 
@@ -58,73 +62,77 @@ class Inverse:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Of 95 %, in MPa; none where the fit has none."""
+        """The 95 % interval in MPa; None where the fit has none."""
         return interval(self.pressure, self.sd, self.prediction.why)
 
 
 def pressure_for(
     problem: CalibrationProblem,
     record: FitRecord,
-    wanted: Wanted,
+    target: Wanted,
     places: Mapping[str, Array],
     say: Say,
     held: Callable[[float], WantedCourse],
 ) -> Inverse:
-    """The lowest held pressure that gives a wanted displacement of one of the places (3,) mm, by name; held:
-    the course of a pressure in MPa.
+    """The lowest held pressure that gives a wanted displacement.
 
-    Displacements at RUNGS pressures, then Newton's method on what is predicted. ValueError where no pressure
-    up to BEYOND times the tested one gives it.
+    places: positions (3,) mm by name. held: function that makes the course of a pressure in MPa.
+    Displacements at RUNGS pressures come first, then Newton's method on predictions. ValueError where no
+    pressure up to BEYOND times the tested one gives it.
     """
-    own = {wanted.point: places[wanted.point]}
+    place = {target.point: places[target.point]}
     tested, curve = float(problem.targets.log_pressure.max()), (np.zeros(1), np.zeros(1))
-    begun = None
+    crossing = None
     for low, high in ((0.0, tested), (tested, BEYOND * tested)):
         more = np.linspace(low, high, RUNGS + 1)[1:]
         try:
-            u = _reached(problem, record, wanted, own, [held(float(p)) for p in more], say)
+            u = _reached(problem, record, target, place, [held(float(p)) for p in more], say)
         except Unsolvable:
             break
         curve = np.append(curve[0], more), np.append(curve[1], u)
-        begun = first_crossing(*curve, wanted.value)
-        if begun is not None:
+        crossing = first_crossing(*curve, target.value)
+        if crossing is not None:
             break
-    if begun is None:
+    if crossing is None:
         raise ValueError(
-            f"--inverse {wanted.words}: {wanted.point} moves by {curve[1].min():.4g} to "
-            f"{curve[1].max():.4g} mm in U{wanted.axis + 1} up to {1e3 * curve[0][-1]:.4g} kPa; wanted a "
+            f"--inverse {target.words}: {target.point} moves by {curve[1].min():.4g} to "
+            f"{curve[1].max():.4g} mm in U{target.axis + 1} up to {1e3 * curve[0][-1]:.4g} kPa; wanted a "
             "displacement between these"
         )
-    pressure, slope = begun
+    pressure, slope = crossing
     for _ in range(TURNS):
         course = held(pressure)
-        (found,) = predicted(problem, record, [course], places, say)
-        k = found.names.index(wanted.point)
-        sd = float(found.sd[0, k, wanted.axis])
-        off = wanted.value - float(found.u[0, k, wanted.axis])
-        if abs(off) < max(NEAR_MM, NEAR * sd):
+        (prediction,) = predicted(problem, record, [course], places, say)
+        k = prediction.names.index(target.point)
+        sd = float(prediction.sd[0, k, target.axis])
+        residual = target.value - float(prediction.u[0, k, target.axis])
+        if abs(residual) < max(NEAR_MM, NEAR * sd):
             break
-        pressure = float(np.clip(pressure + off / slope, 1e-6, BEYOND * tested))
-    return Inverse(wanted, pressure, sd / abs(slope), found, course)
+        pressure = float(np.clip(pressure + residual / slope, 1e-6, BEYOND * tested))
+    return Inverse(target, pressure, sd / abs(slope), prediction, course)
 
 
 def _reached(
     problem: CalibrationProblem,
     record: FitRecord,
-    wanted: Wanted,
+    target: Wanted,
     places: Mapping[str, Array],
     courses: list[WantedCourse],
     say: Say,
 ) -> Array:
     """The wanted point's displacement (k,) mm at the end of each course."""
     targets, model = followed(problem, record, courses, places, say)
-    u = model.predict(record.fit.theta)[:, targets.names.index(wanted.point), wanted.axis]
+    u = model.predict(record.fit.theta)[:, targets.names.index(target.point), target.axis]
     return np.asarray(u[len(problem.targets.time) :][1::2])  # each after its rest
 
 
 def first_crossing(pressure: Array, u: Array, value: float) -> tuple[float, float] | None:
     """The lowest pressure at which displacements u (k,) mm at increasing pressures (k,) MPa are a value, and
-    the slope there in mm/MPa; None where they never are."""
+    the slope there in mm/MPa; None where they never are.
+
+    >>> first_crossing(np.array([0.0, 0.01, 0.02]), np.array([0.0, -5.0, -10.0]), -5.0)
+    (0.01, -500.0)
+    """
     curve = PchipInterpolator(pressure, u - value)
     roots = [float(x) for x in curve.roots(extrapolate=False) if np.isfinite(x) and x > 0]
     roots = [x for x in roots if abs(float(curve(x, 1))) > 0]

@@ -2,15 +2,19 @@
 
 import csv
 import io
+import operator
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
 from twin.formats.importtable import ImportTable
+from twin.formats.plainpoints import HEADING
 from twin.formats.recorded import plain
 from twin.marktables import PointTable
 from twin.targets import Targets
@@ -20,6 +24,17 @@ if TYPE_CHECKING:
     import pandas
 
 POINT, COMPONENT = "point", re.compile(r"[uU]?([123xyzXYZ])[ _]?[\[(]?(mm|cm|m|px|in)[\])]?")
+
+
+# parts of sentences about twin.toml -> the same about arguments
+WORDS = {
+    "[import] of twin.toml does not state all of the file": "read_table: arguments are missing",
+    "wanted log (pressure log, with times or one row a step; wanted where the file has no pressure)":
+        "wanted a column of the table such as pressure_kPa, or log=",
+    "; correct [[points]], or fixed under [import]": "; correct points",
+    ", or set unit under [pressure] of twin.toml": "",
+    "--format ": "format ",
+}  # fmt: skip
 
 
 def read_table(
@@ -49,7 +64,23 @@ def read_table(
     Targets of 1 point (tip) at 3 steps up to 20 kPa; sd 0.02 mm
     >>> data.value[-1, 0]
     array([ -1.7,   nan, -13. ])
+    >>> data.pressure.tolist()  # MPa
+    [0.0, 0.01, 0.02]
+
+    A row a point and step:
+
+    >>> long = pandas.DataFrame({"pressure_kPa": [0, 20], "point": ["tip", "tip"], "u3_mm": [0, -13]})
+    >>> print(read_table(long, points={"tip": 4401}, sd_mm=0.02))
+    Targets of 1 point (tip) at 2 steps up to 20 kPa; sd 0.02 mm
+
+    An error is one sentence:
+
+    >>> read_table(frame.drop(columns="pressure_kPa"), points={"tip": (110, 11.5, 0)}, sd_mm=0.02)
+    Traceback (most recent call last):
+    ValueError: read_table: arguments are missing; wanted a column of the table such as pressure_kPa, or log=
     """
+    if not isinstance(points, Mapping) or not points:
+        raise ValueError(f"points = {points!r}: wanted places in mm, such as {{'tip': (110, 11.5, 0)}}")
     tables = [_point(name, place) for name, place in points.items()]
     with tempfile.TemporaryDirectory() as folder:
         file, log_file = (_file(Path(folder), name, x, wide=name == "table") for name, x in
@@ -58,27 +89,63 @@ def read_table(
         keys = {"file": file.name, "format": format, "sd_mm": sd_mm} | stated
         keys |= {} if log_file is None else {"log": log_file.name}
         try:
+            if format == "csv":
+                _check_units(file, points)
             recorded = read_recorded(file, format)
+            if len(recorded.position) < 2:
+                raise ValueError("the table: one row; wanted more, as the first is the rest")
             if recorded.time is None and "fps" not in keys:
                 keys["fps"] = 1.0
             table = checked(ImportTable, keys, name="read_table")
             return targets_of(recorded, table, tables, log=log_file)[0]
         except ValueError as error:
-            raise ValueError(str(error).replace(f"{folder}/table.csv", "the table")
-                             .replace(f"{folder}/log.csv", "the log")) from None  # fmt: skip
+            words = {f"{folder}/table.csv": "the table", f"{folder}/log.csv": "the log", **WORDS}
+            text = str(error)
+            for old, new in words.items():
+                text = text.replace(old, new)
+            raise ValueError(text) from None
 
 
 def _point(name: str, place: int | Sequence[float]) -> PointTable:
-    key = {"node": int(place)} if isinstance(place, int) else {"position_mm": [float(x) for x in place]}
+    key: dict[str, Any]
+    try:
+        if np.ndim(place):
+            key = {"position_mm": np.asarray(place, float).tolist()}
+        else:
+            key = {"node": operator.index(place)}  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"points[{name!r}] = {place!r}: wanted (x, y, z) in mm, or the label of a node"
+        ) from None
     return checked(PointTable, {"name": plain(name)} | key, name=f"points[{name!r}]")
 
 
+def _check_units(file: Path, points: Mapping[str, Any]) -> None:
+    """ValueError for a column of one of the points, such as tip_x, whose unit is missing or unknown.
+
+    Such a column is no displacement, and would be left out without a word.
+    """
+    if not file.is_file():
+        return
+    with file.open(encoding="utf-8-sig", errors="replace") as stream:
+        header = stream.readline().strip()
+    for name in re.split("[,;\t]", header):
+        match = re.fullmatch(r"(.+)_[xyz](?:[ _].*)?", name.strip().strip('"'))
+        if match and match[1] in points and not HEADING.fullmatch(match[0]):
+            raise ValueError(
+                f"the table: column {match[0]} has no unit of length; wanted mm, cm, m, px or in, as in "
+                f"{match[0][: len(match[1]) + 2]}_mm"
+            )
+
+
 def _file(folder: Path, name: str, source: Any, *, wide: bool) -> Path | None:
-    """A file with a row a step; None of None. ValueError where there is no such file."""
-    if source is None:
+    """A file with a row a step; None without a log. ValueError where there is no such file."""
+    if source is None and not wide:
         return None
     if hasattr(source, "to_csv"):
         text = source.to_csv(index=False)
+    elif not isinstance(source, str | Path):
+        raise ValueError(f"{type(source).__name__}: no table; wanted a CSV file or a DataFrame")
     else:
         path = Path(source)
         if not path.exists():
@@ -98,7 +165,7 @@ def _file(folder: Path, name: str, source: Any, *, wide: bool) -> Path | None:
 def _wide(rows: Sequence[Sequence[str]]) -> list[list[str]]:
     """Rows a step of rows a point and step: tip_x_mm of u1_mm in the rows whose point is tip."""
     head, named = list(rows[0]), rows[0].index(POINT)
-    parts = {k: found for k, name in enumerate(head) if (found := COMPONENT.fullmatch(name))}
+    parts = {k: match for k, name in enumerate(head) if (match := COMPONENT.fullmatch(name))}
     shared = [k for k, name in enumerate(head) if k != named and k not in parts
               and re.match(r"(?i)(time|t\b|frame|step|p\b|pressure)", name)]  # fmt: skip
     if not parts or not shared:
@@ -110,9 +177,9 @@ def _wide(rows: Sequence[Sequence[str]]) -> list[list[str]]:
     columns: dict[str, None] = {}
     for row in rows[1:]:
         step = steps.setdefault(tuple(row[k] for k in shared), {})
-        for k, found in parts.items():
-            axis = found[1].lower().translate(str.maketrans("123", "xyz"))
-            column = f"{plain(row[named])}_{axis}_{found[2]}"
+        for k, match in parts.items():
+            axis = match[1].lower().translate(str.maketrans("123", "xyz"))
+            column = f"{plain(row[named])}_{axis}_{match[2]}"
             if column in step:
                 raise ValueError(
                     f"point {row[named]!r} stands twice at {', '.join(row[k] for k in shared)}; wanted one "

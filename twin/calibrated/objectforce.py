@@ -51,13 +51,13 @@ class Touched:
     @property
     def half(self) -> Array:
         """Half of the 95 % interval (s, 4) N: of the force's size, and of its parts along x, y, z."""
-        way = self.force / np.maximum(self.size, 1e-300)[:, None]
-        size = np.linalg.norm((self.factors * way).sum(axis=2), axis=0)
+        direction = self.force / np.maximum(self.size, 1e-300)[:, None]
+        size = np.linalg.norm((self.factors * direction).sum(axis=2), axis=0)
         return NORMAL * np.column_stack([size, np.linalg.norm(self.factors, axis=0)])
 
 
 def rising(course: WantedCourse) -> WantedCourse:
-    """The course of a held pressure with times on its rise; another as it is."""
+    """The course of a held pressure with RISE output times on its ramp; other courses unchanged."""
     if len(course.output) > 1:
         return course
     return replace(course, output=np.append(np.linspace(0.0, course.time[1], RISE + 1), course.output))
@@ -88,13 +88,13 @@ def touched(
         force = force + np.tensordot(amounts, columns, 1)
     pressure = np.interp(course.output, course.time, course.pressure)
     push = float(abs(force[-1] @ thing.way) / np.linalg.norm(thing.way))
-    rows, shown = list(range(len(course.output))), len(problem.case.nodes)  # of a whole the half comes first
+    rows, node_count = list(range(len(course.output))), len(problem.case.nodes)  # the half comes first
     return Touched(
         time=course.output,
         pressure=pressure,
         force=force,
         factors=np.tensordot(axes.T, columns, 1),
-        shape=solved.solution.fields(rows)[:, :shown],
+        shape=solved.solution.fields(rows)[:, :node_count],
         yielded=0.0 if thing.spring is None else push / thing.spring,
         beyond=pressure > SAME * float(problem.targets.log_pressure.max()),
         why=why_none(record),
@@ -116,5 +116,5 @@ def beside(film: Model, course: WantedCourse, thing: RigidObject) -> Model:
     if course.gravity is not None:
         under["gravity"] = G * course.gravity
     path = Path(course.time, course.pressure, course.output, **under)
-    own = replace(test, case=thing.beside(test.case), path=path)
-    return replace(film, test=own, reference=np.array([0]), rests=None, parent=None)
+    test_beside = replace(test, case=thing.beside(test.case), path=path)
+    return replace(film, test=test_beside, reference=np.array([0]), rests=None, parent=None)

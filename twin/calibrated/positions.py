@@ -33,7 +33,7 @@ class PlacedPoint:
 
     @property
     def sentence(self) -> str:
-        """How far the surface is from what was stated."""
+        """A sentence on the distance between the stated position and the surface."""
         if self.away < 0.005:
             return f"Point {self.name} lies on the finger's surface at {_shown(self.nearest)} mm."
         return (
@@ -46,7 +46,7 @@ def placed(
     points: Iterable[PointTable], structure: Structure, *, mirrored: bool
 ) -> dict[str, PlacedPoint]:
     """The places of the points without a node, by name. ValueError where one is further than ON_FINGER_MM
-    from the surface.   mirrored: whether a point at y < 0 of half a body stands for its mirror image."""
+    from the surface. mirrored: whether a point at y < 0 of half a body stands for its mirror image."""
     return {p.name: _place(p, structure, mirrored=mirrored) for p in points if p.node is None}
 
 
@@ -68,8 +68,8 @@ def check_points(points: Iterable[PointTable], structure: Structure, *, mirrored
             )
         if point.position_mm is None:
             continue
-        stated = on_model_side(np.array(point.position_mm), structure.case, mirrored=mirrored)
-        if (away := float(np.linalg.norm(stated - x))) > ON_FINGER_MM:
+        position = on_model_side(np.array(point.position_mm), structure.case, mirrored=mirrored)
+        if (away := float(np.linalg.norm(position - x))) > ON_FINGER_MM:
             raise ValueError(
                 f"points.{point.name}: node {point.node} lies at {_shown(x)} mm, {away:.1f} mm from its "
                 f"position_mm {_shown(np.array(point.position_mm))}; wanted at most {ON_FINGER_MM:g} mm; "
@@ -79,7 +79,7 @@ def check_points(points: Iterable[PointTable], structure: Structure, *, mirrored
 
 def position_of(point: PointTable, structure: Structure, *, mirrored: bool = False) -> Array:
     """The undeformed position (3,) mm of a point: its node's, or the nearest place on the surface. ValueError
-    where there is no such node or place.   mirrored: see `placed`."""
+    where there is no such node or place. mirrored: see `placed`."""
     if point.node is not None:
         return np.asarray(structure.case.position(point.node), float)
     return _place(point, structure, mirrored=mirrored).nearest
@@ -88,12 +88,12 @@ def position_of(point: PointTable, structure: Structure, *, mirrored: bool = Fal
 def _place(point: PointTable, structure: Structure, *, mirrored: bool = False) -> PlacedPoint:
     assert point.position_mm is not None  # the configuration refuses a point with neither
     case = structure.case
-    stated = on_model_side(np.array(point.position_mm), case, mirrored=mirrored)
-    nearest = nearest_on_faces(case.element, case.nodes[structure.outside], stated)
-    place = PlacedPoint(point.name, stated, nearest)
+    position = on_model_side(np.array(point.position_mm), case, mirrored=mirrored)
+    nearest = nearest_on_faces(case.element, case.nodes[structure.outside], position)
+    place = PlacedPoint(point.name, position, nearest)
     if place.away > ON_FINGER_MM:
         raise ValueError(
-            f"points.{point.name}.position_mm = {_shown(stated)}: not on the finger; the nearest place on "
+            f"points.{point.name}.position_mm = {_shown(position)}: not on the finger; the nearest place on "
             f"its surface, {_shown(place.nearest)}, is {place.away:.1f} mm away; wanted at most "
             f"{ON_FINGER_MM:g} mm; correct the position (x along the finger from the clamp, y across, z up "
             "from the bottom; `twin look` shows them), or the finger's dimensions"
@@ -123,12 +123,12 @@ def _shown(x: Array) -> str:
 
 
 def on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
-    """Targets whose material points lie on the model, and what was moved for that."""
+    """Targets whose material points lie on the model, and a sentence on the points moved for that."""
     points, off = list(targets.points), {}
     for p in np.flatnonzero(targets.of_kind(PointKind.PLACE)):
-        own = np.array(points[p].position)
-        moved_to = nearest(case, own)
-        off[points[p].name] = float(np.linalg.norm(moved_to - own))
+        position = np.array(points[p].position)
+        moved_to = nearest(case, position)
+        off[points[p].name] = float(np.linalg.norm(moved_to - position))
         points[p] = replace(points[p], position=as_position(moved_to))
     worst = max(off, key=lambda name: off[name], default="")
     if off.get(worst, 0.0) > OFF_MODEL_MM:
@@ -146,33 +146,33 @@ def on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
 
 
 def asked(problem: CalibrationProblem, at: Sequence[str]) -> dict[str, Array]:
-    """The places (3,) mm on the finger that are asked for, by name: points of the project, x=60 (on their
-    line along the finger), or x,y,z; all points of the project where nothing is."""
+    """The places (3,) mm on the finger that texts name: points of the project, x=60 (on their line along the
+    finger), or x,y,z; all points of the project without texts."""
     names, every = problem.targets.names, problem.targets.places(problem.case.position)
-    own = {n: x for n, x, p in zip(names, every, problem.targets.points) if p.kind is not PointKind.FIXED}
-    return {text: _asked(problem, text, own) for text in at} or own
+    by_name = {n: x for n, x, p in zip(names, every, problem.targets.points) if p.kind is not PointKind.FIXED}
+    return {text: _asked(problem, text, by_name) for text in at} or by_name
 
 
-def _asked(problem: CalibrationProblem, text: str, own: dict[str, Array]) -> Array:
-    if text in own:
-        return own[text]
+def _asked(problem: CalibrationProblem, text: str, by_name: dict[str, Array]) -> Array:
+    if text in by_name:
+        return by_name[text]
     numbers = re.sub(r"^x=", "", text).split(",")
     try:
         x = np.array([float(n) for n in numbers])
     except ValueError:
         x = np.zeros(0)
     if len(x) == 1 and text.startswith("x="):
-        near = min(own.values(), key=lambda place: abs(float(place[0]) - float(x[0])))
+        near = min(by_name.values(), key=lambda place: abs(float(place[0]) - float(x[0])))
         x = np.array([x[0], near[1], near[2]])
     if x.shape != (3,) or not np.isfinite(x).all():
         raise ValueError(
-            f"--at {text!r}: wanted a point of the project ({', '.join(own)}), x=60, or x,y,z in mm, the "
+            f"--at {text!r}: wanted a point of the project ({', '.join(by_name)}), x=60, or x,y,z in mm, the "
             "clamp at x = 0"
         )
-    found = np.asarray(nearest(problem.case, x), float)
-    if (off := float(np.linalg.norm(found - x))) > ON_FINGER_MM:
+    place = np.asarray(nearest(problem.case, x), float)
+    if (off := float(np.linalg.norm(place - x))) > ON_FINGER_MM:
         raise ValueError(
             f"--at {text!r} is {off:.1f} mm off the finger's surface; wanted at most {ON_FINGER_MM:g} mm: "
-            f"the nearest place is {','.join(f'{v:.4g}' for v in found)}"
+            f"the nearest place is {','.join(f'{v:.4g}' for v in place)}"
         )
-    return found
+    return place

@@ -59,7 +59,7 @@ class WholeSolve:
 
     @property
     def solved(self) -> bool:
-        """Whether there is an equilibrium."""
+        """True where there is an equilibrium."""
         return bool(np.all(np.isfinite(self.u)))
 
 
@@ -88,19 +88,23 @@ class Density:
         response: Surrogate, solves: Sequence[WholeSolve], targets: Targets, w: Whitener, *, scale: Array,
         stiffness: float, guard: bool, beside: Callable[[Array], Array] | None = None,
     ) -> "Density":  # fmt: skip
-        """That of a response and whole solves, with a whitener that leaves out a stiffness of its own; scale
-        (d, d): the root of a covariance of theta."""
+        """The density of a response and whole solves.
+
+        w: a whitener without the mesh's stiffness where that is a number of its own. scale (d, d): a root of
+        the covariance of theta.
+        """
         rows = np.column_stack([w.whiten(targets.value), w.whiten(response.fields).T])
-        at, first = np.unique([one.theta for one in solves if one.solved], axis=0, return_index=True)
-        moved = np.array([one.moved for one in solves if one.solved])[first]
-        if np.linalg.matrix_rank(at - at[0]) < at.shape[1]:
+        thetas = [solve.theta for solve in solves if solve.solved]
+        positions, rows_of = np.unique(thetas, axis=0, return_index=True)
+        moved = np.array([solve.moved for solve in solves if solve.solved])[rows_of]
+        if np.linalg.matrix_rank(positions - positions[0]) < positions.shape[1]:
             raise ValueError(
                 f"no posterior: of {len(solves)} places around the fit the model has a stable equilibrium at "
-                f"{len(at)}, which do not say how it changes with every parameter; run twin profile, which "
-                "tells how far each may go"
+                f"{len(positions)}, which do not say how it changes with every parameter; run twin profile, "
+                "which tells how far each may go"
             )
-        own: Array = np.linalg.solve(scale, at.T).T
-        between = RBFInterpolator(own, moved, kernel="thin_plate_spline", degree=1)
+        scaled: Array = np.linalg.solve(scale, positions.T).T
+        between = RBFInterpolator(scaled, moved, kernel="thin_plate_spline", degree=1)
         small, priors = np.asarray(np.linalg.qr(rows).R), priors_of(response.parameters, targets)
         return Density(response, small, between, scale, stiffness, guard, priors, beside)
 
@@ -117,11 +121,11 @@ class Density:
         chi2 = self.chi2(theta[inside]) + self.added(theta[inside])
         if self.beside is not None:
             chi2 = chi2 + self.beside(true[inside])
-        known = np.isfinite(chi2)
-        rows = inside[known]
-        out[rows] = -chi2[known] / 2
+        finite = np.isfinite(chi2)
+        rows = inside[finite]
+        out[rows] = -chi2[finite] / 2
         for prior in self.priors:
-            out[rows] -= [prior.value(one) ** 2 / 2 for one in true[rows]]
+            out[rows] -= [prior.value(parameters) ** 2 / 2 for parameters in true[rows]]
         if self.stiffness:  # the prior of eta, and the prior of the constants, which is flat in `true`
             eta = x[:, -1]
             out -= eta**2 / 2 + len(self.moduli) * self.stiffness * eta
@@ -140,8 +144,8 @@ class Density:
         """The parameters (m, d) of the positions."""
         out = self.theta(x).copy()
         if self.stiffness:
-            own = [p.name in self.moduli for p in self.response.parameters]
-            out[:, own] *= np.exp(-self.stiffness * x[:, -1:])
+            scaled = [p.name in self.moduli for p in self.response.parameters]
+            out[:, scaled] *= np.exp(-self.stiffness * x[:, -1:])
         return out
 
     def chi2(self, theta: Array) -> Array:
@@ -151,13 +155,13 @@ class Density:
         return np.sum((rows @ self.small.T) ** 2, axis=1)
 
     def added(self, theta: Array) -> Array:
-        """What the errors at theta (m, d), instead of those at the fit, add to -2 ln of the density."""
+        """Change (m,) of -2 ln density by the errors at theta (m, d), in place of the errors at the fit."""
         return self.moved(np.asarray(np.linalg.solve(self.scale, theta.T).T, float))
 
 
 class Keeping(Protocol):
-    """What a sampler keeps as it goes, so that a killed one goes on: whole solves in their order, the newest
-    chain with its number, and what was decided by a chain, by the chain's number."""
+    """The store of a sampler, so that a killed run goes on: whole solves in their order, the newest chain
+    with its number, and the check points of each chain."""
 
     def solve(self, theta: Array) -> WholeSolve | None: ...
     def add_solve(self, solve: WholeSolve) -> None: ...
@@ -209,7 +213,7 @@ class Sampler:
 
     @staticmethod
     def of(profiler: Profiler, keeping: Keeping) -> "Sampler":
-        """That of the fit that a profiler has."""
+        """The sampler of the fit of a profiler."""
         assert isinstance(profiler.model, KeptModel)
         p = profiler
         return Sampler(p.model, p.targets, p.errors, p.theta, keeping)  # type: ignore[arg-type]
@@ -219,8 +223,8 @@ class Sampler:
         """The sd of the mesh's stiffness, as a share, where it is a number of its own; else 0."""
         mesh, free = self.model.mesh, {p.name for p in self.model.parameters}
         moduli = self.model.law.moduli if self.model.law else ()
-        own = mesh is not None and len(self.errors.modes) > 0 and bool(moduli) and set(moduli) <= free
-        return float(mesh.stiffness) if own and mesh is not None else 0.0
+        separate = mesh is not None and len(self.errors.modes) > 0 and bool(moduli) and set(moduli) <= free
+        return float(mesh.stiffness) if separate and mesh is not None else 0.0
 
     @cached_property
     def whitener(self) -> Whitener:
@@ -270,26 +274,26 @@ class Sampler:
 
     def solve(self, theta: Array) -> WholeSolve:
         """The whole solve at theta (d,), made or kept: alone, so that it does not depend on those before."""
-        if (known := self.keeping.solve(theta)) is not None:
-            return known
+        if (stored := self.keeping.solve(theta)) is not None:
+            return stored
         model = replace(self.model, parent=None)
         try:
-            made = model.solved(theta, derivatives=True)
-            assert made.jacobian is not None
-            found = WholeSolve(theta, made.u, made.jacobian, self._moved(model, made))
+            solved = model.solved(theta, derivatives=True)
+            assert solved.jacobian is not None
+            solve = WholeSolve(theta, solved.u, solved.jacobian, self._moved(model, solved))
         except Unsolvable:
             shape = self.targets.value.shape
-            found = WholeSolve(theta, np.full(shape, np.nan), np.full((len(theta), *shape), np.nan), np.nan)
-        self.keeping.add_solve(found)
-        return found
+            solve = WholeSolve(theta, np.full(shape, np.nan), np.full((len(theta), *shape), np.nan), np.nan)
+        self.keeping.add_solve(solve)
+        return solve
 
-    def _moved(self, model: Model, made: Solved) -> float:
-        """What the errors that a model has at a solve, instead of those at the fit, add to -2 ln density."""
-        there = ModelErrors.of(model, made.theta, self.targets, law=self.errors.law)
-        w, z = self._apart(there).whitener(self.targets), self.targets.value - made.u
-        own = self.whitener
-        a, b = w.whiten(z), own.whiten(z)
-        return float(a @ a - b @ b) + w.log_det - own.log_det
+    def _moved(self, model: Model, solved: Solved) -> float:
+        """Change of -2 ln density by a model's errors at a solve, in place of the errors at the fit."""
+        there = ModelErrors.of(model, solved.theta, self.targets, law=self.errors.law)
+        w, z = self._apart(there).whitener(self.targets), self.targets.value - solved.u
+        at_fit = self.whitener
+        a, b = w.whiten(z), at_fit.whiten(z)
+        return float(a @ a - b @ b) + w.log_det - at_fit.log_det
 
     @property
     def _beside(self) -> Callable[[Array], Array] | None:
@@ -309,21 +313,21 @@ class Sampler:
         """The root (d, d) of the covariance that the derivatives at the fit expect of theta."""
         rows = self.whitener.whiten(best.jacobian)
         if self.targets.curves:
-            own = curve_jacobian(self.model, self.targets, self.theta)
-            rows = np.concatenate([rows, -own.T], axis=1)
+            slopes = curve_jacobian(self.model, self.targets, self.theta)
+            rows = np.concatenate([rows, -slopes.T], axis=1)
         least = [1 / (LEAST * p.step) ** 2 for p in self.model.parameters]
         return np.asarray(np.linalg.cholesky(np.linalg.inv(rows @ rows.T + np.diag(least))))
 
     def _design(self, scale: Array) -> Array:
-        """Where (2 d, d) the response is made of whole solves beside the fit."""
+        """Parameters (2 d, d) of the response's whole solves around the fit."""
         size = len(self.theta)
         unit = even(np.zeros(size), np.ones(size), 2 * size)
         theta = self.theta + WIDER * ndtri(unit) @ scale.T
         return np.clip(theta, *bounds(self.model.parameters))
 
     def _start(self, density: Density, seed: int) -> Array:
-        """Where the walkers begin: as the derivatives at the fit expect them, nearer where there is no
-        density. Raises ValueError where there is none around the fit."""
+        """Start positions of the walkers, normal with the covariance at the fit, nearer where it is 0.
+        ValueError where it is 0 all around the fit."""
         extra = int(bool(self.stiffness))
         size = len(self.theta) + extra
         count = max(WALKERS, EACH * size)
@@ -332,25 +336,25 @@ class Sampler:
             z = rng.normal(size=(TRIED * count, size))
             x = self.theta + narrower * z[:, : len(self.theta)] @ density.scale.T
             x = np.column_stack([x, z[:, -1]]) if extra else x
-            some = x[np.isfinite(density(x))]
-            if len(some) >= count:
-                return some[:count]
+            starts = x[np.isfinite(density(x))]
+            if len(starts) >= count:
+                return starts[:count]
         raise ValueError("no posterior: around the fit its density is 0; run twin calibrate")
 
     def _checks(self, chain: Chain, density: Density) -> Array:
-        """Where (CHECKS, d) a chain is to be checked; none where it goes where the rubber is not stable."""
-        some = chain.samples[:: max(len(chain.samples) // 500, 1)]
+        """Check points (CHECKS, d) of a chain; none where it reaches unstable rubber."""
+        samples = chain.samples[:: max(len(chain.samples) // 500, 1)]
         model = self.model
-        if not density.guard and not all(model.allowed(model.named(t)) for t in density.theta(some)):
+        if not density.guard and not all(model.allowed(model.named(t)) for t in density.theta(samples)):
             return np.zeros((0, len(self.theta)))
         return density.theta(spread(chain, CHECKS))
 
     def _cut(self, chain: Chain, density: Density) -> str:
-        """Why a chain may end where the response does, "" where that reaches on: to OUTWARD times as far from
-        the fit."""
+        """The reason why the response may have cut off a chain; "" where it reaches OUTWARD times as far from
+        the fit as the chain."""
         low, high = bounds(self.model.parameters)
-        some = density.theta(chain.samples[:: max(len(chain.samples) // THINNED, 1)])
-        beyond = np.clip(self.theta + OUTWARD * (some - self.theta), low, high)
+        samples = density.theta(chain.samples[:: max(len(chain.samples) // THINNED, 1)])
+        beyond = np.clip(self.theta + OUTWARD * (samples - self.theta), low, high)
         if np.isnan(density.chi2(beyond)).mean() <= CUT:
             return ""
         return "it goes as far as the response reaches, so that the data hardly hold some parameter"
@@ -358,16 +362,16 @@ class Sampler:
     def _off(self, density: Density, checks: Sequence[WholeSolve]) -> tuple[float, float]:
         """The largest errors of a density at whole solves, of chi2 and of what errors add; inf where one has
         no equilibrium."""
-        if not all(one.solved for one in checks):
+        if not all(solve.solved for solve in checks):
             return np.inf, np.inf
-        theta = np.array([one.theta for one in checks])
-        z = self.whitener.whiten(self.targets.value - np.array([one.u for one in checks]))
-        added = density.added(theta) - [one.moved for one in checks]
+        theta = np.array([solve.theta for solve in checks])
+        z = self.whitener.whiten(self.targets.value - np.array([solve.u for solve in checks]))
+        added = density.added(theta) - [solve.moved for solve in checks]
         return float(np.abs(density.chi2(theta) - (z**2).sum(axis=1)).max()), float(np.abs(added).max())
 
 
 def _doubt(off: tuple[float, float]) -> str:
-    """Why a sample is not to be trusted that is off by so much; "" where it is."""
+    """The reason to distrust a sample with these errors (`Sample.off`); "" where there is none."""
     if not np.isfinite(off[0]):
         return "it goes where the model has no stable equilibrium"
     if off[0] > OFF:
@@ -382,7 +386,7 @@ def _doubt(off: tuple[float, float]) -> str:
 
 def _joined(response: Surrogate, solves: Sequence[WholeSolve]) -> Surrogate:
     """The response with whole solves more, those with an equilibrium."""
-    for one in solves:
-        if one.solved:
-            response = response.joined(Solved(one.theta, one.u, one.jacobian, None))  # type: ignore[arg-type]
+    for solve in solves:
+        if solve.solved:
+            response = response.joined(Solved(solve.theta, solve.u, solve.jacobian, None))  # type: ignore[arg-type]
     return response

@@ -1,4 +1,4 @@
-"""What is uncertain of a prediction, and what the film says of it.
+"""Uncertain parameters and modes of a prediction, and their posterior by the film.
 
 Parameters, the error of the mesh, and the laws' errors as far as the data have asked for them are uncertain
 together. The film tells their best values and what it leaves open (a linear model with normal priors;
@@ -45,36 +45,35 @@ class Uncertain:
         *,
         beyond: bool,
     ) -> "Uncertain":
-        """Those of a model at theta (d,) for targets that hold what is to be predicted: the free parameters
+        """Columns of a model at theta (d,) for targets with the steps to be predicted: the free parameters
         first, in their order. beyond: whether some of that lies above the tested pressure."""
         free = np.array([p.name not in record.at_bound for p in model.parameters])
         width = np.array([p.high - p.low for p in model.parameters])[free]
         columns, prior = [model.jacobian(theta)[free]], [12 / width**2]  # an even spread over them
         modes = [model.modes(theta)]
         share = max(record.law_error, LEAST_LAW)
-        modes += [share * one.modes for one in law_errors(model, theta, targets)]
-        for some in modes:
-            columns.append(some)
-            prior.append(np.ones(len(some)))
+        modes += [share * prior_term.modes for prior_term in law_errors(model, theta, targets)]
+        for mode_block in modes:
+            columns.append(mode_block)
+            prior.append(np.ones(len(mode_block)))
         if beyond and LAW not in [e.name for e in model.effects]:
             law = effect(LAW, users=()) if model.law is None else effect(LAW, law=model.law)
             columns.append(model.tangents(theta, [law])[LAW][0])
             prior.append(np.array([1 / prior_sd(p) ** 2 for p in law.amplitudes]))
         priors, count = priors_of(model.parameters, targets), sum(map(len, columns))
         rows = np.zeros((len(priors), count))
-        for row, one in zip(rows, priors, strict=True):
-            row[: sum(free)] = one.slope(theta)[free]
-        stated = np.array([one.value(theta) for one in priors]), rows
-        return Uncertain(np.concatenate(columns), np.concatenate(prior), stated, free)
+        for row, prior_term in zip(rows, priors, strict=True):
+            row[: sum(free)] = prior_term.slope(theta)[free]
+        prior_residual = np.array([prior_term.value(theta) for prior_term in priors]), rows
+        return Uncertain(np.concatenate(columns), np.concatenate(prior), prior_residual, free)
 
 
 def told_by_film(
     targets: Targets, model: Model, theta: Array, uncertain: Uncertain
 ) -> tuple[Array, Array]:
-    """What the film's targets say of the uncertain: a change and what they leave open.
+    """Change (s, p, 3) mm of a prediction by the film's residual, and the errors (k, s, p, 3) mm that remain.
 
-    The change (s, p, 3) mm is what the film's residual asks for, of mesh and laws above all. What it leaves
-    are independent errors (k, s, p, 3) mm of 1 sd.
+    The change comes from mesh and laws above all. The errors are independent, 1 sd each.
     """
     amounts, axes = amounts_told(targets, model, theta, uncertain)
     columns = uncertain.columns
@@ -92,12 +91,12 @@ def amounts_told(
     gauge = model.per_pressure(theta)[:s, :p] * targets.pressure_sd[:, None, None]
     w = whitener(targets, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
     residual = targets.value - model.predict(theta)[:s, :p]
-    if (own := without_gross(targets, residual, w)) is not targets:
-        w = whitener(own, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
+    if (trimmed := without_gross(targets, residual, w)) is not targets:
+        w = whitener(trimmed, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
     seen, z = w.whiten(columns[:, :s, :p]).T, w.whiten(residual)
     if len(uncertain.stated[0]):
-        off, rows = uncertain.stated
-        seen, z = np.vstack([seen, rows]), np.append(z, -off)
+        prior_residual, rows = uncertain.stated
+        seen, z = np.vstack([seen, rows]), np.append(z, -prior_residual)
     if targets.curves:  # of the silicone, which know no more than the parameters
         slopes = -curve_jacobian(model, targets, theta)[:, uncertain.free]
         beside = np.zeros((len(slopes), len(columns) - slopes.shape[1]))

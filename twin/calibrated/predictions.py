@@ -54,9 +54,9 @@ class WantedCourse:
 
     @staticmethod
     def logged(time: Array, pressure: Array, *, most: int) -> "WantedCourse":
-        """A log, times (t,) s and pressures (t,) MPa, at so many even times at most."""
-        wanted = np.unique(np.linspace(0, len(time) - 1, min(len(time), most)).round().astype(int))
-        return WantedCourse(time - time[0], pressure, (time - time[0])[wanted])
+        """The course of a log, times (t,) s and pressures (t,) MPa; most: number of its even output times."""
+        rows = np.unique(np.linspace(0, len(time) - 1, min(len(time), most)).round().astype(int))
+        return WantedCourse(time - time[0], pressure, (time - time[0])[rows])
 
 
 @dataclass(frozen=True)
@@ -94,34 +94,34 @@ def predicted(
     places: Mapping[str, Array],
     say: Say,
 ) -> list[Prediction]:
-    """What the model of a project shows in each course at places (3,) mm by name, by the record of its fit.
+    """Predictions of a fitted model, one for each course, at places (3,) mm by name.
 
     Raises Unsolvable where there is no equilibrium.
     """
     targets = problem.targets
-    own, model = followed(problem, record, courses, places, say)
+    extended, model = followed(problem, record, courses, places, say)
     fit = record.fit
     tested = SAME * float(targets.log_pressure.max())
-    beyond = any(one.pressure.max() > tested for one in courses)
-    u, factors = with_errors(model, record, targets, own, beyond=beyond)
-    angle, turns = turned(own.names, u, factors, np.array(ends(problem)))
-    wanted, solution = [own.names.index(name) for name in places], model.solution(fit.theta)
-    shown = len(problem.case.nodes)  # of a whole made of a half, the half comes first
+    beyond = any(course.pressure.max() > tested for course in courses)
+    u, factors = with_errors(model, record, targets, extended, beyond=beyond)
+    angle, turns = turned(extended.names, u, factors, np.array(ends(problem)))
+    columns, solution = [extended.names.index(name) for name in places], model.solution(fit.theta)
+    node_count = len(problem.case.nodes)  # of a whole made of a half, the half comes first
     out, done = [], len(targets.time)
-    for one in courses:
-        rows = slice(done + 1, done + 1 + len(one.output))  # the first is the rest before it
+    for course in courses:
+        rows = slice(done + 1, done + 1 + len(course.output))  # the first is the rest before it
         done = rows.stop
-        pressure = np.interp(one.output, one.time, one.pressure)
+        pressure = np.interp(course.output, course.time, course.pressure)
         out.append(Prediction(
-            time=one.output,
+            time=course.output,
             pressure=pressure,
             names=tuple(places),
-            u=u[rows][:, wanted],
-            factors=factors[:, rows][:, :, wanted],
+            u=u[rows][:, columns],
+            factors=factors[:, rows][:, :, columns],
             beyond=pressure > tested,
             angle=angle[rows],
             angle_sd=np.sqrt((turns[:, rows] ** 2).sum(axis=0)),
-            shape=_shape(solution.fields, rows)[:, :shown],
+            shape=_shape(solution.fields, rows)[:, :node_count],
             why=why_none(record),
         ))  # fmt: skip
     return out
@@ -133,12 +133,16 @@ def _shape(fields: Callable[[list[int]], Array], rows: slice) -> Array:
 
 
 def interval(value: float, sd: float, why: str) -> tuple[float, float] | None:
-    """The 95 % interval of a value with an sd; none where there is a reason why not."""
+    """The 95 % interval of a value with an sd; None where `why` says that there is none.
+
+    >>> interval(0.5, 0.25, ""), interval(0.5, 0.25, "it does not fit")
+    ((0.010000000000000009, 0.99), None)
+    """
     return None if why else (value - NORMAL * sd, value + NORMAL * sd)
 
 
 def with_errors(
-    model: Model, record: FitRecord, targets: Targets, own: Targets, *, beyond: bool
+    model: Model, record: FitRecord, targets: Targets, extended: Targets, *, beyond: bool
 ) -> tuple[Array, Array]:
     """Displacements (s, p, 3) mm of a fitted model, and their independent errors (k, s, p, 3) mm of 1 sd.
 
@@ -146,7 +150,7 @@ def with_errors(
     answers for. beyond: whether some of that lies above the tested pressure.
     """
     theta = record.fit.theta
-    uncertain = Uncertain.of(model, theta, record, own, beyond=beyond)
+    uncertain = Uncertain.of(model, theta, record, extended, beyond=beyond)
     change, factors = told_by_film(targets, model, theta, uncertain)
     u = model.predict(theta)
     return (u + change if record.adequate else u), factors  # else it would be what the model lacks
@@ -161,8 +165,8 @@ def followed(
 ) -> tuple[Targets, Model]:
     """The targets of a project with films that were not made (`after`), and its model of all of them."""
     low, high = ends(problem)
-    own = replace(problem, targets=after(problem.targets, courses, {**places, LOW: low, HIGH: high}))
-    return own.targets, own.on_mesh(own.model(), record.fit.theta, say)
+    extended = replace(problem, targets=after(problem.targets, courses, {**places, LOW: low, HIGH: high}))
+    return extended.targets, extended.on_mesh(extended.model(), record.fit.theta, say)
 
 
 def ends(problem: CalibrationProblem) -> tuple[Array, Array]:
@@ -173,10 +177,10 @@ def ends(problem: CalibrationProblem) -> tuple[Array, Array]:
 
 
 def why_none(record: FitRecord) -> str:
-    """Why a fit has no intervals, "" where it has."""
+    """The reason why a fit has no intervals; "" where it has."""
     if record.adequate:
         return ""
-    notes = [one.note.partition("no interval: ")[2] for one in record.intervals.values()]
+    notes = [row.note.partition("no interval: ")[2] for row in record.intervals.values()]
     return next(filter(None, notes), "the model does not fit its own film")
 
 
@@ -190,28 +194,28 @@ def after(
     s, p, last = len(targets.time), len(points), int(targets.block[-1])
     value = np.full((s, p, 3), np.nan)
     value[:, : len(targets.points)] = targets.value
-    begun, log = targets.log_time[-1], [(targets.log_time, targets.log_pressure)]
+    end, log = targets.log_time[-1], [(targets.log_time, targets.log_pressure)]
     step = [(targets.time, targets.pressure, targets.block)]
-    for k, one in enumerate(courses):
-        at = begun + GAP
-        rest = np.array([begun + 1.0, at - 1.0])
-        log.append((np.append(rest, at + one.time), np.append([0.0, 0.0], one.pressure)))
-        pressure = np.interp(one.output, one.time, one.pressure)
-        number = np.full(1 + len(one.output), last + 1 + k)
-        step.append((np.append(at - 1.0, at + one.output), np.append(0.0, pressure), number))
-        begun = at + one.time[-1]
+    for k, course in enumerate(courses):
+        start = end + GAP
+        rest = np.array([end + 1.0, start - 1.0])
+        log.append((np.append(rest, start + course.time), np.append([0.0, 0.0], course.pressure)))
+        pressure = np.interp(course.output, course.time, course.pressure)
+        number = np.full(1 + len(course.output), last + 1 + k)
+        step.append((np.append(start - 1.0, start + course.output), np.append(0.0, pressure), number))
+        end = start + course.time[-1]
     time, pressure, block = (np.concatenate(x) for x in zip(*step, strict=True))
     more, n = len(time) - s, len(courses)
-    own = np.searchsorted(block, np.arange(last + 1, last + 1 + n))
+    first_steps = np.searchsorted(block, np.arange(last + 1, last + 1 + n))
     again = [load for load in targets.loads if load.block == 0]
     gravity = targets.gravity
     if gravity is not None:
-        ways = [gravity[0] if one.gravity is None else one.gravity for one in courses]
+        ways = [gravity[0] if course.gravity is None else course.gravity for course in courses]
         gravity = np.concatenate([gravity, np.reshape(ways, (n, 3))])
 
     shares = {
-        name: np.append(own, [one.shares.get(name, own[0]) for one in courses])
-        for name, own in targets.shares.items()
+        name: np.append(first_steps, [course.shares.get(name, first_steps[0]) for course in courses])
+        for name, first_steps in targets.shares.items()
     }
 
     def longer(x: Array, fill: float = np.nan) -> Array:
@@ -225,7 +229,7 @@ def after(
         held_out=np.append(targets.held_out, np.zeros(more, bool)),
         modes=np.zeros((0, *shape, 3)), mode_names=(),
         log_time=np.concatenate([t for t, _ in log]), log_pressure=np.concatenate([x for _, x in log]),
-        reference=np.append(targets.reference, own) if targets.rests.any() else targets.reference,
+        reference=np.append(targets.reference, first_steps) if targets.rests.any() else targets.reference,
         pressure_sd=longer(targets.pressure_sd, 0.0),
         gravity=gravity, shares=shares,
         noises=(*targets.noises, *targets.noises[:1] * n),
@@ -248,14 +252,18 @@ def turned(names: tuple[str, ...], u: Array, factors: Array, face: Array) -> tup
 
 
 def pressure_of(text: str) -> float:
-    """A pressure with its unit, such as 20kPa, in MPa. ValueError where it is none."""
-    found = re.fullmatch(r"\s*([-+]?[0-9.]+(?:e[-+]?\d+)?)\s*([A-Za-z()]+)\s*", text)
+    """A pressure in MPa of a text with its unit, such as 20kPa. ValueError where it is none.
+
+    >>> pressure_of("20kPa"), pressure_of("0.2 bar")
+    (0.02, 0.02)
+    """
+    match = re.fullmatch(r"\s*([-+]?[0-9.]+(?:e[-+]?\d+)?)\s*([A-Za-z()]+)\s*", text)
     what = f"--pressure {text!r}"
-    if found is None:
+    if match is None:
         raise ValueError(f"{what}: wanted a number with its unit, such as 20kPa or 0.2bar")
-    unit = unit_of(found[2], what=what)
+    unit = unit_of(match[2], what=what)
     try:
-        value = float(in_MPa(np.array([float(found[1])]), unit, line=None)[0])
+        value = float(in_MPa(np.array([float(match[1])]), unit, line=None)[0])
     except (ValueError, AssertionError):
         raise ValueError(f"{what}: wanted a number with its unit, such as 20kPa or 0.2bar") from None
     if not 0 < value < TOO_MUCH:

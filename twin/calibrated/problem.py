@@ -74,7 +74,7 @@ class CalibrationProblem:
 
     @property
     def own_effects(self) -> tuple[Effect, ...]:
-        """Effects beside those of the library."""
+        """Effects of the user, beside the library."""
         return self.own
 
     @property
@@ -89,7 +89,7 @@ class CalibrationProblem:
 
     @property
     def scales(self) -> bool:
-        """Whether U depends on pressure / scale and the law's shape alone."""
+        """True where U depends on pressure / scale and the law's shape alone."""
         return self.structure.scales and not self.gravities[0].any()
 
     @property
@@ -174,7 +174,7 @@ class CalibrationProblem:
         return with_laws(judge(on_mesh, self.targets, starts=start, seed=seed), self.targets)
 
     def judged_fit(self, model: Model, fit: Fit, say: Say) -> Judged:
-        """The model judged as it was fitted."""
+        """The model judged at a given fit, without a refit."""
         judged = judge_fit(self.on_mesh(model, fit.theta, say), self.targets, fit)
         return with_laws(judged, self.targets, refit=False)
 

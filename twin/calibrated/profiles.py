@@ -28,17 +28,21 @@ TOLERANCE = 0.01  # sd, to which the best fit is found anew: deviances are relat
 
 
 def profiled_names(names: Sequence[str]) -> tuple[str, ...]:
-    """What of a fit with these parameters has a profile: each of them, and the combinations that it has."""
+    """Names of all quantities with a profile: the parameters, and C10+C01 and share where both are fitted.
+
+    >>> profiled_names(["C10", "C01", "creep.g1"])
+    ('C10', 'C01', 'creep.g1', 'C10+C01', 'share')
+    """
     return (*names, TOTAL, SHARE) if set(NAMES) <= set(names) else tuple(names)
 
 
 def sd_of(fit: Fit, name: str) -> float:
     """The sd by the covariance of the fit, to first order; NaN where it is not known."""
-    way = held(fit.parameters, name).slope(fit.theta)
-    if not np.isfinite(fit.sd[way != 0]).all():
+    slope = held(fit.parameters, name).slope(fit.theta)
+    if not np.isfinite(fit.sd[slope != 0]).all():
         return float("nan")
-    block = fit.covariance[np.ix_(way != 0, way != 0)]
-    return float(np.sqrt(max(way[way != 0] @ block @ way[way != 0], 0.0)))
+    block = fit.covariance[np.ix_(slope != 0, slope != 0)]
+    return float(np.sqrt(max(slope[slope != 0] @ block @ slope[slope != 0], 0.0)))
 
 
 def with_own_errors(
@@ -72,22 +76,24 @@ class Profiler:
         return Profiler(fit, model, problem.targets, errors, best.theta)
 
     def profiles(self, names: Sequence[str], step: Callable[[], None]) -> Iterator[Profile]:
-        """The profile of each name as it is done, by the executor in use; step: called after each of its
-        ENDS."""
+        """Profiles of these names, each as soon as it is done, by the executor in use.
+
+        step: called after each of the ENDS of a profile.
+        """
         executor = current()
         if len(names) == 1 or executor.workers == 1:
             yield from (self.profile(name, step) for name in names)
             return
-        for _, found in executor.ended([partial(self.profile, name, _nobody) for name in names]):
+        for _, profile in executor.ended([partial(self.profile, name, _nobody) for name in names]):
             for _ in range(ENDS):
                 step()
-            yield found
+            yield profile
 
     def profile(self, name: str, step: Callable[[], None]) -> Profile:
-        """The profile of a name, to the bit the same whatever was asked for before."""
+        """The profile of a quantity by name; its bits do not depend on earlier calls."""
         fresh = deepcopy(self)  # a model begins its solves from those that it has kept
-        own = held(self.fit.parameters, name)
-        return profile_likelihood(fresh._around, held=own, theta=self.theta, step=step)
+        quantity = held(self.fit.parameters, name)
+        return profile_likelihood(fresh._around, held=quantity, theta=self.theta, step=step)
 
     def _around(self, theta: Array) -> tuple[Residual, Jacobian]:
         """Residual and Jacobian under the errors that the model has at theta (d,)."""
@@ -99,7 +105,7 @@ class Profiler:
 
 
 def _nobody() -> None:
-    """A step that nobody is told of."""
+    """A step without progress."""
 
 
 ENDS = 2 * len(LEVELS)  # of a profile

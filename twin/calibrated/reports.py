@@ -34,10 +34,13 @@ def _cell(value: Any) -> str:
 class Report:
     """Sentences and the rows of a table.
 
-    >>> print(Report(said=("The model fits.",), rows=({"parameter": "C10", "value": 0.2},)))
+    >>> report = Report(said=("The model fits.",), rows=({"parameter": "C10", "value": 0.2},))
+    >>> print(report)
     The model fits.
     parameter  value
     C10          0.2
+    >>> report.to_pandas()["value"].tolist()
+    [0.2]
     """
 
     said: tuple[str, ...] = ()

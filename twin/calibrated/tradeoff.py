@@ -51,13 +51,13 @@ class Part:
 
     @staticmethod
     def of(name: str, mask: NDArray[np.bool_], targets: Targets, errors: ModelErrors) -> "Part":
-        """That of a mask (s, p, 3). ValueError where it has too few values to be fitted."""
-        own = replace(targets, valid=targets.valid & mask, curves=())
-        data = own.valid & ~own.held_out[:, None, None] & ~own.fixed[None, :, None]
+        """The part of a mask (s, p, 3). ValueError where it has too few values to be fitted."""
+        targets_of = replace(targets, valid=targets.valid & mask, curves=())
+        data = targets_of.valid & ~targets_of.held_out[:, None, None] & ~targets_of.fixed[None, :, None]
         if data.sum() < FEWEST:
             raise ValueError(f"--objectives {name}: {int(data.sum())} values of it are fitted; wanted "
                              f"{FEWEST} or more")  # fmt: skip
-        return Part(name, own, errors.whitener(own))
+        return Part(name, targets_of, errors.whitener(targets_of))
 
     def chi2(self, u: Array) -> float:
         """The squared misfit of displacements u (s, p, 3) mm: as many as values where the model is right."""
@@ -78,18 +78,18 @@ def masks_of(text: str, targets: Targets, films: Mapping[int, str]) -> dict[str,
     several of them joined by a dot, tip.U3. ValueError for a name that there is not, and for one part alone.
     """
     names = [name.strip() for name in text.split(",")]
-    known = _known(targets, films)
+    by_name = _known(targets, films)
     if not 2 <= len(set(names)) == len(names) <= MOST:
         raise ValueError(f"--objectives {text!r}: wanted 2 to {MOST} different ones between commas, such as "
                          "tip,middle or U1,U3")  # fmt: skip
     out = {}
     for name in names:
-        words = [name] if name in known else name.split(".")
-        unknown = [word for word in words if word not in known]
+        words = [name] if name in by_name else name.split(".")
+        unknown = [word for word in words if word not in by_name]
         if unknown:
             raise ValueError(f"--objectives {name}: nothing in the targets is called {unknown[0]!r}; wanted "
-                             f"some of {', '.join(known)}, or two joined, such as tip.U3")  # fmt: skip
-        out[name] = np.logical_and.reduce([known[word] for word in words])
+                             f"some of {', '.join(by_name)}, or two joined, such as tip.U3")  # fmt: skip
+        out[name] = np.logical_and.reduce([by_name[word] for word in words])
     return out
 
 
@@ -120,12 +120,12 @@ class SolvedFit:
 
     @staticmethod
     def of(
-        theta: Array, found: Mapping[str, Any], parts: Sequence[Part], foretold: Array | None = None
+        theta: Array, solved: Mapping[str, Any], parts: Sequence[Part], foretold: Array | None = None
     ) -> "SolvedFit":
-        """That of a solve, and of the misfits (m,) which a response has foretold."""
-        chi2 = np.array(found["chi2"])
+        """The point of a solve; foretold: misfits (m,) by the response."""
+        chi2 = np.array(solved["chi2"])
         off = 0.0 if foretold is None else float(np.abs(misfits(parts, chi2[None])[0] - foretold).max())
-        return SolvedFit(theta, chi2, np.array(found["rms_mm"]), off)
+        return SolvedFit(theta, chi2, np.array(solved["rms_mm"]), off)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,16 +143,16 @@ class TradeOff:
     @property
     def values(self) -> Array:
         """The misfits (n, m) of the points that were solved."""
-        return misfits(self.parts, np.array([one.chi2 for one in self.solved]))
+        return misfits(self.parts, np.array([solve.chi2 for solve in self.solved]))
 
     @cached_property
     def least(self) -> Array:
         """The lowest chi2 (m,) of each part that was solved."""
-        return np.array([one.chi2 for one in (*self.solved, self.fit)]).min(axis=0)
+        return np.array([solve.chi2 for solve in (*self.solved, self.fit)]).min(axis=0)
 
     @property
     def excess(self) -> Array:
-        """What the one fit leaves of chi2 (m,) that a fit of each part alone would not."""
+        """Excess (m,) of each part's chi2 at the joint fit over its own fit."""
         return np.asarray(self.fit.chi2 - self.least)
 
     @property
@@ -184,7 +184,7 @@ def misfits(parts: Sequence[Part], chi2: Array) -> Array:
 
 
 def anew(name: str, make: Callable[[], Made]) -> Made:
-    """What is made, whatever was made before."""
+    """The result of `make`, without a store."""
     del name
     return make()
 
@@ -193,8 +193,10 @@ def trade_off(
     problem: CalibrationProblem, fit: Fit, masks: Mapping[str, NDArray[np.bool_]], *, seed: int, say: Say,
     keep: Keep = anew, errors: ModelErrors | None = None,
 ) -> TradeOff:  # fmt: skip
-    """What parts of the targets cost each other in a model, around a fit; keep: of what a killed run
-    has solved; errors: of the model at the fit, where they are known."""
+    """The trade-off between parts of the targets in a model, around a fit.
+
+    keep: store of the solves of a killed run. errors: of the model at the fit, where they are known.
+    """
     model, errors = with_own_errors(problem, fit, say, errors=errors)
     assert isinstance(model, KeptModel)
     parts = tuple(Part.of(name, mask, problem.targets.alone, errors) for name, mask in masks.items())
@@ -211,7 +213,7 @@ def front_of(
     model: KeptModel, parts: Sequence[Part], theta: Array, *, seed: int,
     step: Callable[[], None] = lambda: None, keep: Keep = anew,
 ) -> TradeOff:  # fmt: skip
-    """What parts cost each other in a model, around its one fit theta (d,). ValueError where it cannot be
+    """The trade-off between parts in a model, around its joint fit theta (d,). ValueError where it cannot be
     solved there."""
     alone = []
     for part in parts:
@@ -234,16 +236,16 @@ def front_of(
     )
     solved = []
     for k in front.spread(KEPT):
-        found = keep(f"point {k}", partial(_solved, model, parts, front.theta[k]))
-        solved += [SolvedFit.of(front.theta[k], found, parts, front.values[k])] if found else []
+        solve = keep(f"point {k}", partial(_solved, model, parts, front.theta[k]))
+        solved += [SolvedFit.of(front.theta[k], solve, parts, front.values[k])] if solve else []
         step()
-    found = keep("the one fit", partial(_solved, model, parts, theta))
-    if not found or not solved:
+    solve = keep("the one fit", partial(_solved, model, parts, theta))
+    if not solve or not solved:
         raise ValueError("pareto: the model cannot be solved at its fit; run `twin calibrate`")
-    own = SolvedFit.of(theta, found, parts)
-    values = misfits(parts, np.array([one.chi2 for one in solved]))
-    knee = Front(np.array([one.theta for one in solved]), values).knee
-    return TradeOff(tuple(parts), front, tuple(solved), knee, own, unsettled)
+    of_all = SolvedFit.of(theta, solve, parts)
+    values = misfits(parts, np.array([point.chi2 for point in solved]))
+    knee = Front(np.array([point.theta for point in solved]), values).knee
+    return TradeOff(tuple(parts), front, tuple(solved), knee, of_all, unsettled)
 
 
 def _alone(model: KeptModel, part: Part, start: Array) -> Made:
