@@ -208,6 +208,14 @@ def _array(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
         return np.asarray(npy.read_array(stream, allow_pickle=False))
 
 
+def check_plain(path: Path) -> Path:
+    """The path of a file or folder, or of nothing; ValueError for a pipe or a device, whose end may never
+    come."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise ValueError(f"{path}: is a pipe or a device; wanted a file")
+    return path
+
+
 def typed(path: Path) -> str:
     """A path as a user types it after an option, in quotes where a shell wants them.
 

@@ -96,8 +96,8 @@ def run_init(
         config = targets_config(name, _read(targets, node_points), builtin_points | node_points)
     else:
         config, missing_keys = import_config(
-            name, targets, form or format_of(targets), known=builtin_points, told=node_points, sd_mm=sd_mm,
-            still=_still(still),
+            name, targets, form or format_of(targets), known=builtin_points, told=node_points,
+            say=say, sd_mm=sd_mm, still=_still(still),
         )  # fmt: skip
     if (sd_mm is not None or still) and config.imported is None:
         raise ValueError(
@@ -178,14 +178,15 @@ def _say_next(folder: Path, config: Config, missing_keys: Mapping[str, str], say
 
 def import_config(
     name: str, targets: Path, form: str, *, known: Mapping[str, PointTable], told: Mapping[str, PointTable],
-    sd_mm: float | None = None, still: str | list[list[int]] | None = None,
+    say: Say, sd_mm: float | None = None, still: str | list[list[int]] | None = None,
 ) -> tuple[Config, dict[str, str]]:
     """A configuration for another program's file, and the keys of [import] that are still to be stated, each
     with what it has to say. ValueError where the file is not right, or has no point whose place is stated.
 
     known: the points that the file may have.   told: those that it must have.
     """
-    from twin.formats.supplied import still_wanted
+    from twin.formats.recorded import PIXEL
+    from twin.formats.supplied import across_doubt, mm_per_unit, still_wanted, turned
 
     recorded = read_recorded(targets, form)
     told = {plain(p.name): p.model_copy(update={"name": plain(p.name)}) for p in told.values()}
@@ -205,7 +206,13 @@ def import_config(
     config = Config(
         project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective)
     )
-    return config.model_copy(update={"imported": table}), still_wanted(recorded, table)
+    unstated = still_wanted(recorded, table)
+    if recorded.axes and recorded.unit != PIXEL:
+        place = turned(recorded.position * mm_per_unit(recorded, table), recorded.axes)
+        named = [p for p, one in enumerate(recorded.names) if one in {point.name for point in points}]
+        if doubt := across_doubt((place - place[0])[:, named], recorded.axes):
+            say(doubt)
+    return config.model_copy(update={"imported": table}), unstated
 
 
 def _still(text: str) -> str | list[list[int]] | None:

@@ -156,7 +156,6 @@ def _not_of_now(newest: Path | None, why: Sequence[str], owner: str | None) -> s
 def _from_foreign(project: Project, say: Say, run: Run) -> Targets:
     """The targets of another program's file."""
     targets = import_targets(project, say)
-    _check_motion(project, targets)
     run.summary.update(_counts(targets) | {"remarks": []})
     return targets
 

@@ -32,7 +32,7 @@ def read_anipose(path: Path, min_likelihood: float) -> Recorded:
     bad = ~((score >= min_likelihood) & (cameras >= CAMERAS)) & np.isfinite(position).all(axis=2)
     return Recorded(
         names=plain_names(path, names), position=np.where(bad[..., None], np.nan, position), unit="mm",
-        frame=_column(sheet, path, "fnum").astype(np.int64), missing=int(bad.sum()),
+        frame=_column(sheet, path, "fnum"), missing=int(bad.sum()),
         doubt=f"a score below {min_likelihood:g} or fewer than {CAMERAS} cameras",
     )  # fmt: skip
 

@@ -3,10 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from twin import files
 from twin.formats.anipose import read_anipose
 from twin.formats.deeplabcut import read_deeplabcut
 from twin.formats.dice import read_dice
 from twin.formats.importtable import LIKELY
+from twin.formats.lostpoints import without_lost
 from twin.formats.matchid import read_matchid
 from twin.formats.motioncapture import read_c3d
 from twin.formats.plainpoints import read_plain
@@ -27,7 +29,8 @@ def read_recorded(path: Path, name: str, min_likelihood: float = LIKELY) -> Reco
     ValueError for an unknown format."""
     if name not in FORMATS:
         raise ValueError(f"--format {name}: wanted one of {', '.join(FORMATS)}")
-    return FORMATS[name](path, min_likelihood)
+    files.check_plain(path)
+    return without_lost(FORMATS[name](path, min_likelihood))
 
 
 def format_of(path: Path) -> str:
@@ -50,6 +53,7 @@ def format_of(path: Path) -> str:
 
 def _told_by(path: Path) -> str:
     """The format that the first line of a text file shows, "" for none."""
+    files.check_plain(path)
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         head = file.readline(100_000)
     if head.startswith("scorer"):

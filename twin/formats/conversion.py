@@ -9,14 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.formats.importtable import ImportTable
+from twin.formats.lostpoints import identity_faults
 from twin.formats.recorded import PIXEL, Recorded, plain
-from twin.formats.supplied import check_stated, mm_per_unit, pressure_of, times_of, turned
+from twin.formats.supplied import (
+    across_doubt,
+    check_stated,
+    mm_per_unit,
+    pressure_of,
+    read_course,
+    times_of,
+    turned,
+)
+from twin.gauge.agreement import check_agrees
+from twin.gauge.pressurelog import Log
+from twin.gauge.synchrony import Motion
 from twin.judging.stillnoise import stated_noise, still_noise
 from twin.marktables import PointTable
 from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
 MOST_STEPS = 2000  # as `steps` under [measure] of twin.toml
 MOST_MODES = 90  # of references: with more points their error counts as one of each value
+OFTEN = 0.9  # share of the rows in which a point is seen whose motion is compared with the pressure
 DIGITS = 6  # of mm, as measured targets have
 
 
@@ -36,7 +49,7 @@ def targets_of(
     origin taken for a point between nodes.   log: the path of the log that `table` names. ValueError names
     what is missing or does not fit.
     """
-    check_stated(recorded, table)
+    check_stated(recorded, table, log)
     position = turned(recorded.position * mm_per_unit(recorded, table), table.axes or recorded.axes)
     keep = _even(len(position))
     time, rest = times_of(recorded, table), np.arange(min(table.rest_steps, len(position)))
@@ -49,9 +62,36 @@ def targets_of(
     targets = _assembled(np.round(every[keep], DIGITS), target_points, noise, time=time[keep],
                          pressure=pressure[keep], log=between, rest=np.searchsorted(keep, rest),
                          scale_sd=table.scale_sd if recorded.unit == PIXEL else None)  # fmt: skip
-    said = [*_said(recorded, keep, len(position)), *remarks, *filter(None, (doubt,))]
-    sentences = [*said, *([] if table.sd_mm else [noise.basis])]
+    moved = every[:, [p for p, point in enumerate(target_points) if point.kind is not PointKind.FIXED]]
+    across = across_doubt(moved, table.axes or recorded.axes)
+    remarks += [*_identities(recorded, position[:, chosen], chosen, time), *filter(None, (across, doubt))]
+    remarks += _agreement(moved, time, read_course(recorded, table, time, log), noise, table)
+    sentences = [*_said(recorded, keep, len(position)), *remarks, *([] if table.sd_mm else [noise.basis])]
     return targets, [*sentences, *([] if targets.has_log else [NO_COURSE])]
+
+
+def _identities(recorded: Recorded, position: Array, chosen: Sequence[int], time: Array) -> list[str]:
+    """Sentences on points (s,p,3) mm that jump alone; ValueError where two exchange their places."""
+    fault, jumps = identity_faults([recorded.names[p] for p in chosen], position, time)
+    if fault:
+        raise ValueError(fault)
+    return jumps
+
+
+def _agreement(moved: Array, time: Array, course: Log | None, noise: Noise, table: ImportTable) -> list[str]:
+    """Sentences on how the points' motion (s,p,3) mm goes with the log, as on a film's; ValueError where it
+    contradicts it. Points that are seldom seen do not count."""
+    often = np.isfinite(moved).any(axis=2).mean(axis=0) >= OFTEN
+    if course is None or not often.any():
+        return []
+    squares = np.nansum(moved[:, often] ** 2, axis=2)
+    complete = np.isfinite(moved[:, often]).any(axis=2).all(axis=1)
+    mm = np.where(complete, np.sqrt(squares.mean(axis=1)), np.nan)
+    motion = Motion(time - time[0], mm, float(np.nanmedian(noise.sd)))
+    remedy = "Correct the times of the file"
+    if table.fps is not None:
+        remedy = f"Correct fps = {table.fps:g} under [import]"
+    return [*check_agrees(motion, course, float(time[0]), stated=True, key="import.start_s", remedy=remedy)]
 
 
 def _noise(value: Array, pressure: Array, table: ImportTable, *, thinned: float) -> Noise:
@@ -159,4 +199,4 @@ def _said(recorded: Recorded, keep: NDArray[np.int64], steps: int) -> list[str]:
     thinned = f"{len(keep)} of {steps} steps are kept, evenly spaced." if len(keep) < steps else ""
     all_of_them = recorded.position.shape[0] * recorded.position.shape[1]
     missing = f"{recorded.missing} of {all_of_them} positions have {recorded.doubt}: they count as not seen."
-    return [s for s in (thinned, missing if recorded.missing else "") if s]
+    return [s for s in (thinned, missing if recorded.missing else "", *recorded.remarks) if s]

@@ -30,7 +30,7 @@ def read_deeplabcut(path: Path, min_likelihood: float) -> Recorded:
     position[..., :2] = np.where(unlikely[..., None], np.nan, cells[..., :2])
     return Recorded(
         names=plain_names(path, points), position=position, unit=PIXEL, axes="x,0,-y",
-        frame=np.array([int(float(row[0])) for row in rows], dtype=np.int64),
+        frame=np.array([float(row[0]) for row in rows]),
         missing=int(unlikely.sum()), doubt=f"a likelihood below {min_likelihood:g}",
     )  # fmt: skip
 
@@ -60,6 +60,11 @@ def _rows(path: Path) -> tuple[dict[str, list[str]], list[list[str]]]:
 
 def _points(path: Path, head: dict[str, list[str]]) -> list[str]:
     """The names (p,) of the points: the body part, with its animal before it where there are several."""
+    if head["coords"][:3] == ["x", "y", "z"]:
+        raise ValueError(
+            f"{path}: is a file of DeepLabCut in 3-D, whose unit it does not say; wanted a plain CSV with "
+            "the unit in the headings, such as tip_x_mm,tip_y_mm,tip_z_mm, or the file of one camera"
+        )
     if len(head["coords"]) % 3 or head["coords"] != COORDS * (len(head["coords"]) // 3):
         raise ValueError(
             f"{path}: coords are {','.join(head['coords'][:4])}...; wanted x,y,likelihood for each point: "

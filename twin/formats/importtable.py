@@ -42,7 +42,7 @@ class ImportTable(TableModel):
     )
     fps: Positive | None = Field(
         default=None,
-        description="frames in a second, where the file counts frames; 1 for single load steps",
+        description="frames in a second, where the file counts frames; not for single load steps",
     )
     log: RelativePath | None = Field(
         default=None,

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.csvtable import Sheet, Table, read_sheet
-from twin.formats.recorded import PIXEL, Recorded, in_order
+from twin.formats.recorded import PIXEL, Recorded, blanked, in_order
 from twin.targets import Array
 
 SAME_PLACE = 1e-6  # of the span of all points: rows are told by their place in the reference picture
@@ -24,7 +24,7 @@ def read_matchid(path: Path, min_likelihood: float) -> Recorded:
 
     ValueError where no unit has all columns, or a file has other rows than the first.
     """
-    files = in_order(path, "*.csv")
+    files, frame = in_order(path, "*.csv")
     sheets = [read_sheet(file, wanted="X [mm];Y [mm];U [mm];V [mm]") for file in files]
     columns, unit = _columns(sheets[0])
     tables = [_values(sheet, columns) for sheet in sheets]
@@ -37,7 +37,7 @@ def read_matchid(path: Path, min_likelihood: float) -> Recorded:
     lost = ~np.isfinite(position[..., :2]).all(axis=2)
     return Recorded(
         names=tuple(f"p{row + 1}" for row in range(position.shape[1])), position=position, unit=unit,
-        frame=np.arange(len(files), dtype=np.int64), missing=int(lost.sum()), doubt="no value",
+        frame=frame, missing=int(lost.sum()), doubt="no value",
     )  # fmt: skip
 
 
@@ -69,10 +69,15 @@ def _unit(text: str) -> str:
 
 def _values(sheet: Sheet, columns: dict[str, str]) -> dict[str, Array]:
     """The columns (p,) by their letter; NaN where a cell is empty or says so."""
-    table = sheet.table(tuple(columns.values()))
-    blanked = {name: ["" if c.lower() == "nan" else c for c in cells] for name, cells in table.cells.items()}
-    table = Table(table.path, blanked, table.lines, table.comma)
-    return {letter: table.numbers(name, unit="its unit", empty=True) for letter, name in columns.items()}
+    sigma = next((name for name in sheet.header if name.partition("[")[0].strip().lower() == "sigma"), None)
+    table = sheet.table((*columns.values(), *([sigma] if sigma else [])))
+    cells = {name: blanked(column) for name, column in table.cells.items()}
+    table = Table(table.path, cells, table.lines, table.comma)
+    values = {letter: table.numbers(name, unit="its unit", empty=True) for letter, name in columns.items()}
+    if sigma is not None:  # of VIC-3D, below 0 where a point was lost
+        failed = table.numbers(sigma, unit="px", empty=True) < 0.0
+        values |= {letter: np.where(failed, np.nan, values[letter]) for letter in "uvw" if letter in values}
+    return values
 
 
 def _check_rows(path: Path, table: dict[str, Array], reference: dict[str, Array]) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.csvtable import Sheet, read_sheet
-from twin.formats.recorded import PIXEL, Recorded, plain_names
+from twin.csvtable import Sheet, Table, read_sheet
+from twin.formats.recorded import PIXEL, Recorded, blanked, plain_names
 from twin.gauge.logcolumns import LogFormat, pressures, time_column
 from twin.gauge.pressureunits import PRESSURE, heading, in_seconds
 
@@ -29,6 +29,8 @@ def read_plain(path: Path, min_likelihood: float) -> Recorded:
         )
     points = list(dict.fromkeys(match["point"] for match in matches.values()))
     table = sheet.table(tuple(matches))
+    cells = {name: blanked(column) for name, column in table.cells.items()}
+    table = Table(table.path, cells, table.lines, table.comma)
     position = np.full((len(table), len(points), 3), np.nan)
     for name, match in matches.items():
         column = table.numbers(name, unit=match["unit"], empty=True)
@@ -36,7 +38,7 @@ def read_plain(path: Path, min_likelihood: float) -> Recorded:
     unit = units.pop()
     return Recorded(
         names=plain_names(path, points), position=position, unit=unit, time=_time(sheet),
-        pressure=_pressure(sheet), frame=np.arange(len(table), dtype=np.int64),
+        pressure=_pressure(sheet), frame=np.arange(float(len(table))),
         axes="x,0,-y" if unit == PIXEL else "x,y,z",
     )  # fmt: skip
 

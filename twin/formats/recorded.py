@@ -1,15 +1,17 @@
 """Positions of points in a file's own axes and unit: the result of every format."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from twin.files import check_plain
 from twin.targets import Array
 
 PIXEL = "px"
+LOST = ("-", "--", "nan", "na", "n/a", "null", "none", "lost", "?")  # words for a value that is not there
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,12 +21,13 @@ class Recorded:
     names: tuple[str, ...]  # (p,) fit for twin.toml
     position: Array  # (s,p,3) along the file's x, y, z, in `unit`
     unit: str  # px, or a unit of length
-    frame: NDArray[np.int64]  # (s,) number of the picture, from the file
+    frame: Array  # (s,) numbers of the pictures, from the file or its files' names, counted from any
     time: Array | None = None  # (s,) s where the file says it
     pressure: Array | None = None  # (s,) MPa where the file has it
     axes: str = ""  # the file's axes that are the world's x, y, z, where the format fixes them
     missing: int = 0  # positions that the file has, but so doubtful that they count as not seen
     doubt: str = ""  # why
+    remarks: tuple[str, ...] = ()  # sentences on what was taken for a lost point
 
 
 def plain(name: str) -> str:
@@ -45,20 +48,31 @@ def plain_names(path: Path, names: list[str]) -> tuple[str, ...]:
     return safe_names
 
 
-def in_order(path: Path, pattern: str) -> list[Path]:
-    """The files of a folder by the last number in their names; the file itself where path is none.
+def in_order(path: Path, pattern: str) -> tuple[list[Path], Array]:
+    """The files of a folder in the order of the numbers in their names, and these (t,), counted from the
+    first; the file itself where path is none. ValueError for none, and for names without an order."""
+    from vision.film.numbering import in_order as by_number
+    from vision.film.numbering import is_litter
 
-    ValueError for none.
-    """
-    files = sorted(path.glob(pattern), key=_number) if path.is_dir() else [path]
+    found = sorted(path.glob(pattern)) if path.is_dir() else [path]
+    files, numbers = by_number([check_plain(file) for file in found if not is_litter(file)])
     if not files or not files[0].is_file():
         raise ValueError(f"{path}: no such file, or no {pattern} in it; wanted the program's result files")
-    return files
+    if not numbers:
+        raise ValueError(
+            f"{path}: several numbers change in the names, as from {files[0].name} to {files[1].name}; "
+            "wanted one that counts the pictures"
+        )
+    return files, np.array([float(number - numbers[0]) for number in numbers])
 
 
-def _number(path: Path) -> tuple[int, str]:
-    numbers = re.findall(r"\d+", path.stem)
-    return (int(numbers[-1]) if numbers else -1, path.name)
+def blanked(cells: Sequence[str]) -> list[str]:
+    """Cells without the words for a value that is not there.
+
+    >>> blanked(["1.5", "-", "NaN", ""])
+    ['1.5', '', '', '']
+    """
+    return ["" if cell.strip().lower() in LOST else cell for cell in cells]
 
 
 def numbers(cells: list[str], *, path: Path, what: str) -> Array:
@@ -71,7 +85,7 @@ def numbers(cells: list[str], *, path: Path, what: str) -> Array:
     ValueError: tip.csv, column x: could not convert string to float: '1,5'; wanted a number, ...
     """
     try:
-        return np.array([float(cell) if cell.strip() else np.nan for cell in cells])
+        return np.array([float(cell) if cell.strip() else np.nan for cell in blanked(cells)])
     except ValueError as error:
         advice = "wanted a number, or nothing where it was not seen"
         raise ValueError(f"{path}, {what}: {error}; {advice}") from None

@@ -1,6 +1,7 @@
 """Unit, axes, times and pressure of a file, from [import] of twin.toml where the file lacks them."""
 
 import re
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from twin.formats.importtable import ImportTable
 from twin.formats.recorded import PIXEL, Recorded
 from twin.gauge.logcolumns import LogFormat, asked_doubt, log_sheet, pressure_column, pressures, time_column
-from twin.gauge.pressurelog import read_log
+from twin.gauge.pressurelog import Log, read_log
 from twin.targets import Array
 
 
@@ -17,7 +18,8 @@ def still_wanted(recorded: Recorded, table: ImportTable) -> dict[str, str]:
     lacks = {
         "sd_mm": table.sd_mm is None and table.still_steps is None,
         "mm_per_px": recorded.unit == PIXEL and table.mm_per_px is None,
-        "axes": not (table.axes or recorded.axes), "fps": recorded.time is None and table.fps is None,
+        "axes": not (table.axes or recorded.axes),
+        "fps": recorded.time is None and recorded.pressure is None and table.fps is None,
         "log": recorded.pressure is None and table.log is None,
     }  # fmt: skip
     return {key: _about(key) for key, lacking in lacks.items() if lacking}
@@ -28,9 +30,12 @@ def _about(key: str) -> str:
     return ImportTable.model_fields[key].description or ""
 
 
-def check_stated(recorded: Recorded, table: ImportTable) -> None:
-    """Raise ValueError where something of the file is not stated, or is twice."""
-    if missing := still_wanted(recorded, table):
+def check_stated(recorded: Recorded, table: ImportTable, log: Path | None) -> None:
+    """Raise ValueError where something of the file is not stated, or is twice. log: path of the log."""
+    missing = still_wanted(recorded, table)
+    if "fps" in missing and log is not None and not _has_times(log, table):
+        del missing["fps"]  # single steps, a row of the log each
+    if missing:
         each = "; ".join(f"{key} ({what})" for key, what in missing.items())
         raise ValueError(f"[import] of twin.toml does not state all of the file; wanted {each}")
     if table.sd_mm is not None and table.still_steps is not None:
@@ -42,10 +47,14 @@ def check_stated(recorded: Recorded, table: ImportTable) -> None:
         raise ValueError(
             f"import.mm_per_px = {table.mm_per_px:g}: the file is in {recorded.unit}; leave it out"
         )
-    if recorded.pressure is not None and table.log is not None:
-        raise ValueError(
-            f"import.log = {table.log!r}: the file has a pressure of its own; leave one of them out"
-        )
+
+
+def _form(table: ImportTable) -> LogFormat:
+    return LogFormat(table.log_column, table.log_unit, key="log_column under [import] of twin.toml")
+
+
+def _has_times(log: Path, table: ImportTable) -> bool:
+    return time_column(log_sheet(log, _form(table))) is not None
 
 
 def mm_per_unit(recorded: Recorded, table: ImportTable) -> float:
@@ -56,8 +65,10 @@ def mm_per_unit(recorded: Recorded, table: ImportTable) -> float:
     import pint
 
     try:
+        if not recorded.unit.isalpha():  # pint would calculate, or fail
+            raise ValueError(recorded.unit)
         return float(pint.get_application_registry().Quantity(1.0, recorded.unit).to("mm").magnitude)
-    except (pint.PintError, AttributeError):
+    except (pint.PintError, AttributeError, ValueError):
         advice = "wanted px or a unit of length, such as mm"
         raise ValueError(f"the file is in {recorded.unit!r}: {advice}") from None
 
@@ -66,8 +77,12 @@ def times_of(recorded: Recorded, table: ImportTable) -> Array:
     """Times (s,) s on the clock of the log."""
     time = recorded.time
     if time is None:
-        assert table.fps is not None  # checked
-        time = (recorded.frame - recorded.frame[0]) / table.fps
+        time = (recorded.frame - recorded.frame[0]) / (table.fps or 1.0)
+        if table.fps is not None and np.any(np.diff(recorded.frame) != 1.0) and len(time) > 1:
+            from vision.film.numbering import times_of_numbers
+
+            numbers = [Decimal(repr(float(n))) for n in recorded.frame]
+            time = times_of_numbers(numbers, table.fps, where=Path(table.file))
     if np.any(np.diff(time) <= 0):
         raise ValueError(
             "the file's times do not increase from row to row; wanted one row for each frame, in order"
@@ -75,6 +90,9 @@ def times_of(recorded: Recorded, table: ImportTable) -> Array:
     return time + table.start_s
 
 
+FEW = 0.05  # share of the rows, beside steps, in which two records of one pressure may differ
+VALVE_S = 0.25  # from row to row, within which a step of a valve is known well enough
+ACROSS_MM, UP = 2.0, 0.05  # motion across that is asked about, and of it up
 JUMP = 0.25  # of the pressure's range, from row to row: what lies between is then known well enough
 
 
@@ -86,7 +104,7 @@ def pressure_of(
     if log is None:
         assert recorded.pressure is not None  # checked
         return recorded.pressure, None if recorded.time is None else _along(time, recorded.pressure), ""
-    form = LogFormat(table.log_column, table.log_unit, key="log_column under [import] of twin.toml")
+    form = _form(table)
     sheet = log_sheet(log, form)
     if time_column(sheet) is None:
         doubt = asked_doubt(pressure_column(sheet, form), form)
@@ -101,10 +119,27 @@ def pressure_of(
     return read.at(time), read.beside(time), read.doubt
 
 
+def read_course(recorded: Recorded, table: ImportTable, time: Array, log: Path | None) -> Log | None:
+    """The log over time by which motion is judged; None where the rows themselves have the pressure.
+    ValueError where the file's own pressure is another one than the log's."""
+    if log is None or not _has_times(log, table):
+        return None
+    read = read_log(log, time_shift_s=0.0, form=_form(table))
+    if recorded.pressure is not None:
+        off = np.abs(recorded.pressure - read.at(time))
+        if np.mean(off > JUMP * np.ptp(read.pressure)) > FEW:
+            raise ValueError(
+                f"import.log = {table.log!r}: the file has a pressure of its own, which differs from the "
+                f"log's by up to {off.max():.2g} MPa; wanted one course: correct start_s, or leave log out"
+            )
+    return read
+
+
 def _along(time: Array, pressure: Array) -> tuple[Array, Array] | None:
     """The course of the pressure (s,) MPa from row to row, straight between them; None where a step is so
-    large that it may be anything."""
-    if np.abs(np.diff(pressure)).max(initial=0.0) > JUMP * np.ptp(pressure):
+    large that it may be anything: another one follows, or it takes longer than a valve."""
+    jumps = np.abs(np.diff(pressure)) > JUMP * np.ptp(pressure)
+    if (jumps[1:] & jumps[:-1]).any() or np.diff(time)[jumps].max(initial=0.0) > VALVE_S:
         return None
     every = np.sort(np.concatenate([time, (time[1:] + time[:-1]) / 2]))
     return every, np.interp(every, time, pressure)
@@ -146,6 +181,32 @@ def turned(position: Array, axes: str) -> Array:
             source = int(np.argmax(np.abs(row)))
             world[..., axis] = row[source] * position[..., source]
     return world
+
+
+def across_doubt(moved: Array, axes: str) -> str:
+    """The sentence where the points' motion (s,p,3) mm is across and nothing is up, with the axes to write
+    instead: a picture's y is the height, as a rule; "" for another motion.
+
+    >>> moved = np.array([[[0.0, 0.0, 0.0]], [[-5.0, -20.0, 0.0]]])
+    >>> across_doubt(moved, "x,y,z").rpartition(": ")[2]
+    'write axes = "x,-z,y" under [import]'
+    """
+    largest = np.nan_to_num(np.abs(np.where(np.isfinite(moved), moved, 0.0))).max(axis=(0, 1), initial=0.0)
+    if largest[1] < ACROSS_MM or largest[2] > UP * largest[1]:
+        return ""
+    along, across, up = (term.strip().lower() for term in axes.split(","))
+    y = moved[..., 1].ravel()
+    falls = y[np.nanargmax(np.abs(y))] < 0.0
+    turn = {"0": "0", across: _opposite(across), up: _opposite(up)}
+    written = f"{along},{turn[up] if falls else up},{across if falls else turn[across]}"
+    return (
+        f"The points move by up to {largest[1]:.3g} mm across (y) and {largest[2]:.2g} mm up (z). If the "
+        f'file\'s {across[-1]} is the height in the picture: write axes = "{written}" under [import]'
+    )
+
+
+def _opposite(term: str) -> str:
+    return "0" if term == "0" else term[1:] if term.startswith("-") else f"-{term.lstrip('+')}"
 
 
 def _row(term: str) -> Array:

@@ -23,6 +23,7 @@ TOLD, SURE = 5.0, 20.0  # times less of the motion is unexplained at another rat
 # where it leaves less, and what no lag in a film of one ramp leaves.
 LEAST_LEFT, LITTLE, MUCH = 0.002, 0.02, 0.1
 CLOCK_S = 0.4  # off, that is told
+ORIGINAL = "Use the original file, or pictures with times.csv"
 
 
 @dataclass(frozen=True)
@@ -33,12 +34,16 @@ class OtherRate:
     sure: bool  # so that nothing else explains the motion
 
 
-def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> tuple[str, ...]:
+def check_agrees(
+    motion: Motion, log: Log, start_s: float, *, stated: bool, key: str = "film_start_s",
+    remedy: str = ORIGINAL,
+) -> tuple[str, ...]:
     """Sentences where the motion is a little early or late. Raises ValueError where the finger rests while
     the pressure rises, moves while it rests, or moves as the pressure does at another time or at another
     rate.
 
-    start_s: time of the film's first frame on the log's clock.   stated: whether the user states it.
+    start_s: time of the film's first frame on the log's clock.   stated: whether the user states it, as `key`
+    of twin.toml.   remedy: of a film at another rate.
 
     At each shift of the clocks a cubic of the pressure is fitted to the motion; only another time more than
     3.5 s away is refused, beyond what a lag of finger or clock can be, or more than 2.5 s where as stated the
@@ -64,7 +69,7 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> t
     away = abs(best - start_s) if most >= FITS else 0.0
     order = "later" if best > start_s else "earlier"
     limit = AWAY_S if now >= LEAST else BEYOND_S
-    rate_fault = _rate_fault(fit, log.path.name, start_s, least=1 - most)
+    rate_fault = _rate_fault(fit, log.path.name, start_s, least=1 - most, remedy=remedy)
     if rate_fault and rate_fault.sure:
         raise ValueError(rate_fault.sentence)
     remarks = (rate_fault.sentence,) if rate_fault else ()
@@ -72,8 +77,8 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> t
         also = f"{remarks[0]} T" if remarks else "t"
         raise ValueError(
             f"{also}he finger moves as {log.path.name} does {away:.1f} s {order}: at {best:.1f} s its "
-            f"pressure explains {100 * most:.0f} % of the motion, at film_start_s = {start_s:g} s "
-            f"{100 * now:.0f} %; wanted film_start_s within {limit:g} s of it: correct film_start_s (time "
+            f"pressure explains {100 * most:.0f} % of the motion, at {key} = {start_s:g} s "
+            f"{100 * now:.0f} %; wanted {key} within {limit:g} s of it: correct {key} (time "
             "of the film's first frame on the clock of the log)"
         )
     if now < LEAST and (most < FITS or away > AWAY_S):
@@ -81,15 +86,15 @@ def check_agrees(motion: Motion, log: Log, start_s: float, *, stated: bool) -> t
             f"the finger moves by {moved:.2g} mm in the film, and {log.path.name} does not say why: from "
             f"{span} its pressure changes by {rise:.2g} MPa (by {np.ptp(log.pressure):.2g} MPa in all), "
             f"which explains {100 * now:.0f} % of the motion, wanted {100 * LEAST:.0f} % or more; are film "
-            "and log of one test, and is film_start_s right (time of the film's first frame on the clock of "
+            f"and log of one test, and is {key} right (time of the film's first frame on the clock of "
             "the log)?"
         )
     if remarks or not stated or not CLOCK_S < away <= AWAY_S or 1 - now < max(LITTLE, TOLD * (1 - most)):
         return remarks
     return (
         f"The finger moves as {log.path.name} does {away:.1f} s {order}: its pressure explains "
-        f"{100 * most:.1f} % of the motion there, {100 * now:.1f} % at film_start_s = {start_s:g} s. Is "
-        "film_start_s right, or does the pressure line lag? `twin diagnose` tests both (time_shift, "
+        f"{100 * most:.1f} % of the motion there, {100 * now:.1f} % at {key} = {start_s:g} s. Is "
+        f"{key} right, or does the pressure line lag? `twin diagnose` tests both (time_shift, "
         "pressure_lag).",
     )
 
@@ -110,7 +115,9 @@ def _few(motion: Motion, log: Log) -> LagFit | None:
     return LagFit.of(motion.time[few], motion.mm[few], log) if enough else None
 
 
-def _rate_fault(fit: LagFit, name: str, start_s: float, *, least: float) -> OtherRate | None:
+def _rate_fault(
+    fit: LagFit, name: str, start_s: float, *, least: float, remedy: str = ORIGINAL
+) -> OtherRate | None:
     """The fault of a film whose finger moves as the log (name) does at another rate, None without one.
 
     least: share of the motion that the pressure leaves unexplained at any time, at the film's own rate.
@@ -133,8 +140,8 @@ def _rate_fault(fit: LagFit, name: str, start_s: float, *, least: float) -> Othe
     question = "was it filmed in slow motion, has it lost frames, or was its frame rate changed?"
     if now > max(MUCH, SURE * best):
         return OtherRate(
-            f"{what}; wanted a film whose time stamps are those of the camera: {question} Use the original "
-            "file, or pictures with times.csv",
+            f"{what}; wanted a film whose time stamps are those of the camera: {question} "
+            f"{remedy}",
             sure=True,
         )
     alike = "A pressure line that lags by seconds looks alike in a short film."

@@ -240,7 +240,9 @@ def import_inputs(project: Project) -> dict[str, Any]:
 
 
 def import_targets(project: Project, say: Say) -> Targets:
-    """The targets of another program's file. ValueError where it is not right, or something is not stated."""
+    """The targets of another program's file. ValueError where it is not right, something is not stated, or
+    the targets cannot be of the project's finger."""
+    from twin.bench.workbench import check_plausible, structure_of
     from twin.formats.catalogue import read_recorded
     from twin.formats.conversion import targets_of
 
@@ -248,6 +250,7 @@ def import_targets(project: Project, say: Say) -> Targets:
     points = read_recorded(project.path(table.file), table.format, table.min_likelihood)
     log = None if table.log is None else project.path(table.log)
     targets, remarks = targets_of(points, table, project.config.points, log=log)
+    check_plausible(project, targets, structure_of(project).case)
     for sentence in remarks:
         say(sentence)
     return targets

@@ -1,5 +1,6 @@
 """Files of other programs as targets: their columns, what counts as not seen, units, axes, times, and refusals."""
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from twin.formats.catalogue import FORMATS, format_of, read_recorded
 from twin.formats.conversion import MOST_STEPS, NO_COURSE, targets_of
 from twin.formats.importtable import ImportTable
 from twin.formats.recorded import Recorded
-from twin.formats.supplied import still_wanted, turned
+from twin.formats.supplied import mm_per_unit, still_wanted, turned
 from twin.marktables import PointTable
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets, write_targets
@@ -75,8 +76,8 @@ def dice(folder: Path) -> Path:
 
 def matchid(folder: Path, *, head: str = "X [mm];Y [mm];U [mm];V [mm]", comma: bool = True) -> Path:
     separator = ";" if ";" in head else ","
-    for k in (0, 1, 10, 2):  # by number, not by letters: the last is 10
-        step, rows = {0: 0, 1: 1, 2: 2, 10: 3}[k], ""
+    for k in (8, 9, 11, 10):  # by number, not by letters: 8 and 9 are the first
+        step, rows = k - 8, ""
         for p in range(2):
             lost = (step, p) == (2, 1)
             moved = ["", ""] if lost else [repr(float(v)) for v in XY[step, p] - XY[0, p]]
@@ -352,7 +353,6 @@ REFUSED = {
     "no rate": ("deeplabcut", {"fps": None}, "wanted fps .* counts frames"),
     "no axes": ("c3d", {"axes": None}, "wanted axes .* x,0,-y"),
     "no pressure": ("c3d", {"log": None}, "wanted log .* has no pressure"),
-    "two pressures": ("csv", {"log": "log.csv"}, "import.log = 'log.csv': the file has a pressure of its own"),
     "noise twice": ("csv", {"still_steps": "holds"}, "import.sd_mm = 0.2 and import.still_steps: both say how large"),
     "short holds": ("csv", {"sd_mm": None, "still_steps": ((0, 3),)}, "leave 3 free values of each component, wanted 30"),
     "late": ("c3d", {"start_s": 0.05}, "log.csv covers 0.000 to 0.080 s, the file 0.050 to 0.110 s.* start_s"),
@@ -515,3 +515,195 @@ def test_targets_of_a_film_make_another_project_at_the_places_they_state(tmp_pat
     run_init(tmp_path / "again", Lines(), targets=tmp_path / "measured")
     (point,) = Project.open(tmp_path / "again").config.points
     assert (point.name, point.node, point.position_mm) == ("tip", None, (110.0, 11.5, 0.0))
+
+
+def test_a_log_beside_a_pressure_of_the_file_is_taken_where_both_agree(tmp_path: Path) -> None:
+    found = read_recorded(csv(tmp_path), "csv")
+    targets, _ = made(tmp_path, found, stated("csv", log="log.csv"), tip=4401)
+    assert targets.has_log
+    np.testing.assert_allclose(targets.pressure, 0.01 * np.arange(4))
+    written(tmp_path / "log.csv", LOG.replace("p [kPa]", "p [mbar]"))
+    with pytest.raises(ValueError, match=r"the file has a pressure of its own, which differs from the log's by up to 0\.0"):
+        made(tmp_path, found, stated("csv", log="log.csv"), tip=4401)
+
+
+def test_a_step_at_ten_rows_a_second_is_a_log_of_steps(tmp_path: Path) -> None:
+    time = np.arange(0.0, 10.0, 0.1)
+    pressure = 20.0 * (time > 4.0)
+    rows = [f"{t:.1f},{60 - 0.1 * p},{-p * (1 + 0.01 * t)},{p}" for t, p in zip(time, pressure, strict=True)]
+    text = "\n".join(["time_s,tip_x_mm,tip_z_mm,pressure_kPa", *rows])
+    targets, remarks = made(tmp_path, read_recorded(written(tmp_path / "step.csv", text), "csv"), stated("csv"), tip=4401)
+    assert targets.has_log
+    assert remarks == []
+
+
+@pytest.mark.parametrize("form", ["dice", "matchid"])
+def test_numbers_of_files_become_times(tmp_path: Path, form: str) -> None:
+    WRITERS[form](tmp_path)
+    files = sorted(tmp_path.glob("*.*"))
+    numbers = (0, 20, 40, 100)
+    for file, number in list(zip(files, numbers if form == "dice" else numbers[-2:] + numbers[:2]))[::-1]:
+        stem = "DICe_solution_" if form == "dice" else "picture_"
+        file.rename(tmp_path / f"{stem}{number:03d}{file.suffix}")
+    found = read_recorded(tmp_path, form)
+    long = "time_s,p [kPa]\n" + "".join(f"{k},{3.0 * k}\n" for k in range(9))
+    written(tmp_path.parent / f"{form}-log.csv", long)
+    tip, _ = NAMES[form]
+    targets, _ = targets_of(
+        found, stated(form, fps=20.0, log="log.csv"), [PointTable(name=tip, node=4401)], log=tmp_path.parent / f"{form}-log.csv"
+    )
+    np.testing.assert_allclose(targets.time, np.array(numbers) / 20.0)
+    np.testing.assert_allclose(targets.value[:, 0, 0], TIP[:, 0] * (0.5 if form in PIXELS else 1.0) - TIP[0, 0] * (0.5 if form in PIXELS else 1.0), atol=1e-4)
+
+
+TIME = np.arange(0.0, 12.0, 0.1)
+PRESSURE = np.interp(TIME, [0, 3, 6, 8, 11, 12], [0, 0, 30, 30, 0, 0])
+
+
+def swung(seed: int = 0) -> np.ndarray:
+    """Places (s,2,3) of two points under PRESSURE, with a noise of 0.02 mm."""
+    rest = np.array([[110.0, 0.0, 50.0], [60.0, 0.0, 50.0]])
+    u = PRESSURE[:, None, None] * np.array([[-0.4, 0.0, -1.6], [-0.1, 0.0, -0.5]])
+    return rest + u + 0.02 * np.random.default_rng(seed).standard_normal((len(TIME), 2, 3)) * [1, 0, 1]
+
+
+def table_of(place: np.ndarray, *, lost: dict[tuple[int, int], str] | None = None, pressure: bool = True) -> str:
+    head = ["time_s", *(f"{n}_{a}_mm" for n in ("tip", "middle") for a in "xz"), *(["p [kPa]"] if pressure else [])]
+    rows = []
+    for k, t in enumerate(TIME):
+        cells = [f"{v:.4f}" for v in place[k][:, [0, 2]].ravel()]
+        for p in range(2):
+            if lost and (k, p) in lost:
+                cells[2 * p : 2 * p + 2] = 2 * [lost[k, p]]
+        rows.append(",".join([f"{t:.1f}", *cells, *([f"{PRESSURE[k]:.4f}"] if pressure else [])]))
+    return "\n".join([",".join(head), *rows])
+
+
+@pytest.mark.parametrize("word", ["0", "0.0000", "-1", "-9999", "9999.0", "1e20", "", "-", "NaN", "n/a"])
+def test_a_lost_point_is_no_place_however_it_is_written(tmp_path: Path, word: str) -> None:
+    lost = {(k, 0): word for k in range(80, 90)}
+    found = read_recorded(written(tmp_path / "a.csv", table_of(swung(), lost=lost)), "csv")
+    targets, remarks = made(tmp_path, found, stated("csv", axes="x,y,z", sd_mm=0.02), tip=4401, middle=5848)
+    assert np.flatnonzero(np.isnan(targets.value[:, 0, 0])).tolist() == list(range(80, 90))
+    assert np.isfinite(targets.value[:, 1, 0]).all()
+    assert np.nanmax(np.abs(targets.value)) < 60.0
+    assert any("10 positions count as not seen" in s for s in remarks) == (word not in ("", "-", "NaN", "n/a"))
+
+
+def test_zeros_of_displacements_at_rest_are_places(tmp_path: Path) -> None:
+    place = swung() - swung()[0]
+    place[:25] = 0.0
+    place[112:] = 0.0
+    found = read_recorded(written(tmp_path / "a.csv", table_of(place)), "csv")
+    assert np.isfinite(found.position[..., [0, 2]]).all()
+    assert found.remarks == ()
+
+
+def test_a_place_that_is_held_where_the_point_was_lost_is_asked_about(tmp_path: Path) -> None:
+    place = swung()
+    place[40:55, 0] = place[40, 0]
+    found = read_recorded(written(tmp_path / "a.csv", table_of(place)), "csv")
+    assert "tip has exactly one place in rows 40 to 54" in found.remarks[0]
+    place = swung()
+    place[40:55, 0] = place[0, 0]
+    found = read_recorded(written(tmp_path / "a.csv", table_of(place)), "csv")
+    assert "tip is exactly at its first place in rows 40 to 54" in found.remarks[0]
+
+
+def test_points_that_exchange_their_places_are_named(tmp_path: Path) -> None:
+    place = swung()
+    place[50:60] = place[50:60, ::-1]
+    found = read_recorded(written(tmp_path / "a.csv", table_of(place)), "csv")
+    with pytest.raises(ValueError, match=r"points tip and middle exchange places at 5, 6 s"):
+        made(tmp_path, found, stated("csv", axes="x,y,z"), tip=4401, middle=5848)
+    place = swung()
+    place[50:60, 0] += 8.0
+    found = read_recorded(written(tmp_path / "a.csv", table_of(place)), "csv")
+    _, remarks = made(tmp_path, found, stated("csv", axes="x,y,z"), tip=4401, middle=5848)
+    assert any("tip jumps by" in s for s in remarks)
+
+
+@pytest.mark.parametrize(("rate", "start", "wanted"), [
+    (1.0, 0.0, None), (1.25, 0.0, "seems to run 0.80 times"), (0.75, 2.0, "times|start_s"), (1.0, 1.5, "start_s"), (1.0, 5.0, "start_s"),
+])  # fmt: skip
+def test_imported_motion_is_compared_with_the_log_as_a_film_is(tmp_path: Path, rate: float, start: float, wanted: str | None) -> None:
+    import re
+
+    found = read_recorded(written(tmp_path / "a.csv", table_of(swung(), pressure=False)), "csv")
+    assert found.time is not None
+    found = replace(found, time=found.time / rate)
+    log = np.arange(-8.0, 24.0, 0.05)
+    text = "time_s,p [kPa]\n" + "".join(f"{t:.2f},{p:.4f}\n" for t, p in zip(log, np.interp(log, TIME, PRESSURE), strict=True))
+    written(tmp_path / "log.csv", text)
+    try:
+        _, remarks = made(tmp_path, found, stated("csv", axes="x,y,z", sd_mm=0.02, log="log.csv", start_s=start, fps=None), tip=4401, middle=5848)
+    except ValueError as error:
+        remarks = [str(error)]
+    if wanted is None:
+        assert remarks == []
+    else:
+        assert any(re.search(wanted, sentence) for sentence in remarks)
+
+
+def test_a_height_that_became_the_width_is_told_with_the_axes_to_write(tmp_path: Path) -> None:
+    text = table_of(swung()).replace("_z_mm", "_y_mm")
+    found = read_recorded(written(tmp_path / "a.csv", text), "csv")
+    _, remarks = made(tmp_path, found, stated("csv", axes=None, sd_mm=0.02), tip=4401, middle=5848)
+    assert any('write axes = "x,-z,y" under [import]' in sentence for sentence in remarks)
+    said = Lines()
+    run_init(tmp_path / "batch", said, targets=tmp_path / "a.csv")
+    assert any('write axes = "x,-z,y" under [import]' in sentence for sentence in said)
+    targets, remarks = made(tmp_path, found, stated("csv", axes="x,-z,y", sd_mm=0.02), tip=4401, middle=5848)
+    assert remarks == []
+    assert np.nanmin(targets.value[..., 2]) < -40.0
+
+
+def test_readings_of_static_points_need_no_frame_rate(tmp_path: Path) -> None:
+    rows = [f"{110 - 0.1 * p},{50 - p},{p}" for p in (0, 0, 10, 10, 20, 20)]
+    found = read_recorded(written(tmp_path / "a.csv", "\n".join(["tip_x_mm,tip_z_mm,p [kPa]", *rows])), "csv")
+    assert "fps" not in still_wanted(found, stated("csv", fps=None))
+    targets, _ = made(tmp_path, found, stated("csv", axes="x,y,z", fps=None), tip=4401)
+    np.testing.assert_allclose(targets.time, np.arange(6))
+
+
+def test_a_c3d_of_lost_markers_damage_and_units(tmp_path: Path) -> None:
+    import ezc3d
+
+    path = c3d(tmp_path)
+    content = ezc3d.c3d(str(path))
+    points = content["data"]["points"].copy()
+    points[:, 0, 1] = [0.0, 0.0, 0.0, 1.0]
+    content["data"]["points"] = points
+    content["data"]["meta_points"]["residuals"][:] = 0.0
+    content.write(str(path))
+    assert np.isnan(read_recorded(path, "c3d").position[1, 0]).all()
+    whole = path.read_bytes()
+    rng = np.random.default_rng(1)
+    for _ in range(6):  # whatever is changed: read, or refused in a sentence
+        data = bytearray(whole)
+        for at in rng.integers(0, 1500, 8):
+            data[at] = rng.integers(256)
+        path.write_bytes(data)
+        with contextlib.suppress(ValueError):
+            read_recorded(path, "c3d")
+    path.write_bytes(whole.replace(b"\x01m", b"\x01*", 1))
+    for unit in ("**", "kg", "2 mm", ""):
+        with pytest.raises(ValueError, match="wanted px or a unit of length"):
+            mm_per_unit(replace(read_recorded(csv(tmp_path), "csv"), unit=unit), stated("csv"))
+
+
+def test_pipes_and_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
+    import os
+
+    for name in ("a.csv", "b.c3d"):
+        os.mkfifo(tmp_path / name)
+        for call in (format_of, lambda path: read_recorded(path, "deeplabcut")):
+            if name == "a.csv":
+                with pytest.raises(ValueError, match="is a pipe or a device; wanted a file"):
+                    call(tmp_path / name)
+    matchid(tmp_path / "m") if (tmp_path / "m").mkdir() is None else None
+    (tmp_path / "m" / "._film_8.csv").write_bytes(b"x")
+    assert len(read_recorded(tmp_path / "m", "matchid").frame) == 4
+    os.mkfifo(tmp_path / "m" / "film_12.csv")
+    with pytest.raises(ValueError, match="is a pipe or a device; wanted a file"):
+        read_recorded(tmp_path / "m", "matchid")
