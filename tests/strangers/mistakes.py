@@ -23,12 +23,15 @@ from tests.strangers.planting import (
     hidden,
     ids,
     interlaced,
+    lens_of,
+    littered,
     log,
     marker,
     no_boards,
     nudged,
     on_its_side,
     painted,
+    raw_stream,
     regulated,
     sagging,
     small_film,
@@ -125,6 +128,8 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
     "film that is none": (
         lambda root: files.write_text(root / "raw" / "film.mkv", "no film"), r"cannot be read as a video"
     ),
+    "a lens of another model": (lens_of("equidistant"), r"lens model distortion_model = 'equidistant': wanted Brown's"),
+    "a film without a container": (raw_stream, r"film\.h264 holds no time stamps"),
     "boards not in the pictures": (no_boards, r"0 of 9 board images show"),
     "kPa for MPa": (log(factor=1e3), r"wanted 0\.0001 to 1 MPa"),
     "psi for MPa": (log(factor=145.04), r"wanted 0\.0001 to 1 MPa"),
@@ -147,6 +152,7 @@ MISTAKES: dict[str, tuple[Plant, str]] = {
 # Unusual and right.
 RIGHT: dict[str, Plant] = {
     "nothing planted": lambda root: None,
+    "what systems leave beside the boards": littered,
     "a marker of the same id elsewhere": painted(twice),  # the one in its stated place is followed
     "sizes 10 % off": every(size=1.1),
     "a frame marker 2 mm off": toml(marker("frame1", position_mm=(32.0, Y, 30.0))),

@@ -281,6 +281,34 @@ def nudged(sd: float) -> Callable[[Config], Config]:
     return change
 
 
+def lens_of(model: str) -> Plant:
+    """A lens file of ROS in place of the boards."""
+
+    def plant(root: Path) -> None:
+        camera_with(boards=None, board=None, camera_file="raw/lens.yaml")(root)
+        (w, h), k = SIZE, "[700.0, 0.0, 320.0, 0.0, 700.0, 200.0, 0.0, 0.0, 1.0]"
+        text = f"image_width: {w}\nimage_height: {h}\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: {k}\n"
+        text += f"distortion_model: {model}\ndistortion_coefficients:\n  rows: 1\n  cols: 4\n  data: [0.0, 0.0, 0.0, 0.0]\n"
+        files.write_text(root / "raw" / "lens.yaml", text)
+
+    return plant
+
+
+def raw_stream(root: Path) -> None:
+    """A film as its coder made it, without a container."""
+    camera_with(film="raw/film.h264")(root)
+    with Writer(root / "raw" / "film.h264", SIZE, fps=RATE, codec="libx264") as writer:
+        for _, _, grey in Video(root / "raw" / "film.mkv").frames():
+            writer.add(grey)
+
+
+def littered(root: Path) -> None:
+    """What systems leave beside the boards."""
+    camera_with(boards="raw/boards/*")(root)
+    for name in (".DS_Store", "Thumbs.db", "._b01.png"):
+        (root / "raw" / "boards" / name).write_bytes(b"x")
+
+
 def no_boards(root: Path) -> None:
     for path in (root / "raw" / "boards").glob("*.png"):
         cv2.imwrite(str(path), np.random.default_rng(0).integers(90, 140, SIZE[::-1], dtype=np.uint8))

@@ -90,7 +90,8 @@ def _one_camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
 
 def board_images(project: Project, table: CameraTable) -> list[Path]:
     """The pictures of the board."""
-    images = sorted(p for p in project.root.glob(table.boards or "") if p.is_file())
+    every = project.root.glob(table.boards or "")
+    images = sorted(p for p in every if p.is_file() and not files.is_litter(p))
     if not images:
         raise ValueError(f"cameras.boards = {table.boards!r}: no file matches in {project.root}; put the "
                          "images of the board there, or correct the glob in twin.toml")  # fmt: skip

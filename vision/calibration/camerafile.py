@@ -77,7 +77,7 @@ def read_camera(path: Path, *, name: str, size: tuple[int, int]) -> Camera:
         f"{path.name} does not say how well the camera is known, so that its error is not in the stated "
         "uncertainty: calibrate with board images to include it."
     )
-    remarks = (remark,)
+    remarks: tuple[str, ...] = (remark,)
     if numbers.unused:
         keys = ", ".join(numbers.unused[:8])
         remarks += (f"{path.name} has keys that are not used: {keys}. Does one of them change the lens?",)

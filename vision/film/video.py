@@ -215,7 +215,7 @@ def film_stream(path: Path) -> tuple[int, int]:
             return 0, 1
         frames = [0] * len(streams)
         for packet in container.demux(streams):
-            frames[streams.index(packet.stream)] += packet.pts is not None
+            frames[[stream.index for stream in streams].index(packet.stream.index)] += packet.pts is not None
             if min(frames) > 1:
                 break
         covers = [bool(stream.disposition & Disposition.attached_pic) for stream in streams]
