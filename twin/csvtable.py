@@ -186,7 +186,8 @@ def read_recording(
             heads = [k for k in heads if len(rows) > k + 1 and len(rows[k][1]) == len(rows[k + 1][1])]
         if heads:
             break
-        first = next((k for k, (_, row) in enumerate(rows) if _numeric(row)), None)
+        least = 1 if separator == "," else 2  # cells: one that reads 0,5 may be two
+        first = next((k for k, (_, row) in enumerate(rows) if len(row) >= least and _numeric(row)), None)
         if first is not None and separator != " ":
             fallback = fallback or (rows, [max(first - 1, 0)], separator)
     else:

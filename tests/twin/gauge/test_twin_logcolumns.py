@@ -251,6 +251,7 @@ def test_all_faults_of_a_header_are_said_at_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "way"),
     [
+        ("0.0,-8e-06\n1.5,30\n2,30\n", "no line has headings of time_s,pressure_MPa, and line 1 has numbers already: write a line"),
         ("0,0\n1,30\n2,30\n", "no line has headings of time_s,pressure_MPa, and line 1 has numbers already: write a line"),
         ("time_s,p_kPa\n0,0\n1,30\ntime_s,p_kPa\n0,0\n1,30\n", "the header stands in the lines 1, 4: the logger was started again"),
         ("time_s;p_Pa\n0;0\n1;990\n2;1,320\n3;2,640\n", "'1,320': beside whole numbers such as 990: ',' seems to stand between thousands"),
