@@ -5,8 +5,6 @@ the command line by a stand-in that records it.
 """
 
 import re
-import subprocess
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +13,7 @@ import numpy as np
 
 from fe.case import Case
 from fe.element import Array
+from fe.engines import process
 from fe.engines.engine import EngineResult, Program, program
 from fe.engines.writer import deck, steps_of
 
@@ -54,6 +53,7 @@ class Abaqus(Program):
     memory: str = "60%"
     kind: str = "C3D20RH"
     name: str = "Abaqus"
+    timeout_s: float = process.TIMEOUT_S
 
     def commands(self, steps: int = 1) -> tuple[list[str], list[str]]:
         """The command lines of the job and of the extraction, in the job's folder."""
@@ -63,9 +63,7 @@ class Abaqus(Program):
 
     def release(self) -> str:
         """Abaqus's version line. FileNotFoundError where Abaqus is not installed."""
-        command = [self._program(), "information=release"]
-        output = subprocess.run(command, capture_output=True, text=True).stdout.splitlines()
-        lines = (" ".join(line.split()) for line in output)
+        lines = (" ".join(words) for words in process.release_words([self._program(), "information=release"]))
         return next((line for line in lines if re.search(r"Abaqus\b.*(\d{4}|\d\.\d)", line)), "Abaqus")
 
     def _program(self) -> str:
@@ -83,33 +81,33 @@ class Abaqus(Program):
         """Response of a deck over its last step. FileNotFoundError where Abaqus is not installed; never
         raises for lack of convergence. folder: the job's folder, by default temporary."""
         executable = self._program()
-        with tempfile.TemporaryDirectory() as scratch:
-            folder = folder or self.folder or Path(scratch)
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / "job.inp").write_text(text, encoding="utf-8")
+
+        def solve(folder: Path) -> EngineResult:
             (folder / "extract.py").write_text(EXTRACT, encoding="utf-8")
-            for name in ("job.csv", "job.odb"):
+            for name in ("job.csv", "job.odb", "job.log"):
                 (folder / name).unlink(missing_ok=True)  # of an earlier run
             start, failed, log = time.perf_counter(), "", ""
             for command in self.commands(steps_of(text)):
-                done = subprocess.run([executable, *command[1:]], cwd=folder, capture_output=True, text=True)
-                log += f"$ {' '.join(command)}\n{done.stdout}{done.stderr}\n"
+                done = process.output([executable, *command[1:]], folder=folder, seconds=self.timeout_s)
+                log += f"$ {' '.join(command)}\n{done.text}\n"
                 (folder / "job.log").write_text(log, encoding="utf-8")
-                if done.returncode != 0:
-                    messages = (done.stderr or done.stdout).strip().splitlines() or ["no message"]
-                    failed = failed or f"{' '.join(command)}: {messages[-1]}"
+                if done.code != 0:
+                    message = done.stopped or (done.text.strip().splitlines() or ["no message"])[-1]
+                    failed = failed or f"{' '.join(command)}: {message}"
                     if not (folder / "job.odb").exists():
                         break  # else what was reached is read
             return _read(folder / "job.csv", failed, time.perf_counter() - start)
+
+        return process.run_job(text, folder or self.folder, solve)
 
 
 def _read(path: Path, failed: str, seconds: float) -> EngineResult:
     if not path.exists():
         return EngineResult.failed(failed or f"{path.name} was not written by the extraction script", seconds)
-    header, *rest = path.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
+    header, *rest = process.result_lines(path) or [""]
     if header != COLUMNS:
         return EngineResult.failed(f"{path.name} begins with {header!r}, wanted {COLUMNS}", seconds)
-    table = np.array([[float(cell) for cell in line.split(",")] for line in rest]).reshape(-1, 5)
+    table = process.numbers([cell for line in rest for cell in line.split(",")]).reshape(-1, 5)
     share, count = np.unique(table[:, 0], return_counts=True)
     if not len(share) or share[-1] <= 0.0:
         return EngineResult.failed(failed or "the result file holds no displacements", seconds)

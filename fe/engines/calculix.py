@@ -1,8 +1,6 @@
 """The engine CalculiX (`ccx`): runs a deck in a folder of its own and reads its result file."""
 
 import os
-import subprocess
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +9,7 @@ import numpy as np
 
 from fe.case import Case
 from fe.element import Array
+from fe.engines import process
 from fe.engines.engine import EngineResult, Program, program
 from fe.engines.writer import deck, steps_of
 
@@ -25,6 +24,7 @@ class CalculiX(Program):
     threads: int = 1
     kind: str = "C3D20RH"
     name: str = "CalculiX"
+    timeout_s: float = process.TIMEOUT_S
 
     def deck(self, case: Case, pressure: float, *, gravity: Array | None = None, levels: int = 0) -> str:
         """The deck of a case. ValueError for what `check` or a deck refuses."""
@@ -44,8 +44,8 @@ class CalculiX(Program):
 
     def release(self) -> str:
         """CalculiX's version. FileNotFoundError where ccx is not installed."""
-        words = subprocess.run([self._program(), "-v"], capture_output=True, text=True).stdout.split()
-        return f"CalculiX {words[-1]}" if words else "CalculiX"
+        lines = process.release_words([self._program(), "-v"])
+        return f"CalculiX {lines[-1][-1][:40]}" if lines else "CalculiX"
 
     def _program(self) -> str:
         return program(self.executable, "CalculiX", "install the package calculix-ccx")
@@ -54,22 +54,18 @@ class CalculiX(Program):
         """Response of a deck over its last step. FileNotFoundError where ccx is not installed; never raises
         for lack of convergence. folder: the job's folder, by default temporary."""
         executable = self._program()
-        with tempfile.TemporaryDirectory() as scratch:
-            folder = folder or self.folder or Path(scratch)
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / "job.inp").write_text(without_hybrid(text), encoding="utf-8")
-            (folder / "job.frd").unlink(missing_ok=True)  # of an earlier run
-            start, threads = time.perf_counter(), str(self.threads)
-            done = subprocess.run(
-                [executable, "-i", "job"],
-                cwd=folder,
-                env=os.environ | {"OMP_NUM_THREADS": threads, "CCX_NPROC_EQUATION_SOLVER": threads},
-                capture_output=True,
-                text=True,
-            )
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "CCX_NPROC_EQUATION_SOLVER"), str(self.threads))
+
+        def solve(folder: Path) -> EngineResult:
+            for name in ("job.frd", "job.log"):
+                (folder / name).unlink(missing_ok=True)  # of an earlier run
+            start, env = time.perf_counter(), os.environ | threads
+            done = process.output([executable, "-i", "job"], folder=folder, seconds=self.timeout_s, env=env)
             seconds = time.perf_counter() - start
-            (folder / "job.log").write_text(done.stdout + done.stderr, encoding="utf-8")
+            (folder / "job.log").write_text(done.text, encoding="utf-8")
             return _read(folder / "job.frd", done, seconds, steps_of(text))
+
+        return process.run_job(without_hybrid(text), folder or self.folder, solve)
 
 
 def check(case: Case) -> None:
@@ -96,12 +92,12 @@ def without_hybrid(text: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _read(path: Path, done: "subprocess.CompletedProcess[str]", seconds: float, steps: int) -> EngineResult:
+def _read(path: Path, done: process.Output, seconds: float, steps: int) -> EngineResult:
     """The displacements of a result file (.frd: fixed columns, six digits) in the last of its steps."""
     times, blocks, inside, now = [0.0], list[list[str]](), False, 0.0
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []:
+    for line in process.result_lines(path):
         if line.startswith("  100C"):
-            now = float(line[12:24])  # of all steps, each of which takes 1
+            now = float(process.numbers([line[12:24]])[0])  # of all steps, each of which takes 1
         elif line.startswith(" -4  DISP"):
             blocks.append([])
             times.append(now)
@@ -110,11 +106,11 @@ def _read(path: Path, done: "subprocess.CompletedProcess[str]", seconds: float, 
             inside = False
         elif inside and line.startswith(" -1"):
             blocks[-1].append(line)
-    finished = done.returncode == 0 and "Job finished" in done.stdout
+    finished = done.code == 0 and "Job finished" in done.text
     if not finished:  # the last is cut off, or the best of an increment that did not converge
         blocks = blocks[:-1]
     complete = [rows for rows in blocks if len(rows) == len(blocks[0])]
-    errors = [line.strip() for line in done.stdout.splitlines() if "*ERROR" in line]
+    errors = [done.stopped] if done.stopped else [x.strip() for x in done.text.splitlines() if "*ERROR" in x]
     share = np.array(times[1 : len(complete) + 1]) - (steps - 1)
     if finished and complete:
         reason = "converged"
@@ -124,8 +120,8 @@ def _read(path: Path, done: "subprocess.CompletedProcess[str]", seconds: float, 
         reason = errors[0] if errors else "ccx stopped before the end"
     if not complete:
         return EngineResult.failed(reason, seconds)
-    labels = np.array([int(r[3:13]) for r in complete[0]], np.int64)
+    labels = process.numbers([r[3:13] for r in complete[0]]).astype(np.int64)
     rows = [k for k, s in enumerate(share) if s >= -1e-9]
-    course = [[[float(r[13 + 12 * d : 25 + 12 * d]) for d in range(3)] for r in complete[k]] for k in rows]
-    u = np.array(course).reshape(len(rows), len(labels), 3)
+    words = [r[13 + 12 * d : 25 + 12 * d] for k in rows for r in complete[k] for d in range(3)]
+    u = process.numbers(words).reshape(len(rows), len(labels), 3)
     return EngineResult(labels, share[rows], u, reason == "converged", reason, seconds)

@@ -13,6 +13,7 @@ from fe.element import Array, Integers
 from fe.path import Path as LoadPath
 from fe.solving import solve
 
+FARTHEST_MM = 1e6  # of a displacement
 NONE, NO_COURSE = np.empty(0), np.empty((0, 0, 3))
 
 
@@ -21,7 +22,8 @@ class EngineResult:
     """Displacements of the nodes `labels` (n,) while the pressure grows, or the reason of a failure.
 
     share (k,): increasing shares of the full pressure, at the engine's increments; course (k, n, 3) mm:
-    displacements there, up to the last increment reached. seconds: run time.
+    displacements there, up to the last increment reached. seconds: run time. ValueError for shares that do
+    not increase, and for displacements that are no finite numbers.
     """
 
     labels: Integers
@@ -30,6 +32,12 @@ class EngineResult:
     converged: bool
     reason: str
     seconds: float
+
+    def __post_init__(self) -> None:
+        if not (np.diff(self.share) > 0).all() or not np.isfinite(self.share).all():
+            raise ValueError(f"its result has times that do not increase: {self.share[:4].tolist()} ..")
+        if not (np.abs(self.course) < FARTHEST_MM).all():
+            raise ValueError(f"its result has displacements that are no numbers below {FARTHEST_MM:g} mm")
 
     @staticmethod
     def failed(reason: str, seconds: float) -> "EngineResult":

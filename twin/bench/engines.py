@@ -63,6 +63,8 @@ def engine_of(table: ModelTable) -> Program:
     options: dict[str, object] = {}
     if table.engine_command is not None:
         options["executable"] = table.engine_command
+    if table.engine_timeout_s is not None:
+        options["timeout_s"] = table.engine_timeout_s
     if table.engine == "calculix":
         return CalculiX(threads=table.engine_cpus or 1, **options)  # type: ignore[arg-type]
     if table.engine_cpus is not None:

@@ -174,9 +174,11 @@ def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
 def _written(on: OnPaths, generations: list[Generation], run: Run, say: Say) -> int:
     """Number of candidates of a search; all of them are written into the run."""
     if not np.isfinite(generations[-1].rms_mm):
+        jobs = on.bench.jobs
+        told = f": {jobs.reasons()}; their files are in {jobs.folder}" if jobs and jobs.failed else ""
         raise ValueError(
-            "no candidate of the genetic algorithm has an equilibrium; widen [calibrate] bounds, or correct "
-            "the unit of the pressure log (top_kPa under [pressure] tells a wrong one)"
+            f"no candidate of the genetic algorithm has an equilibrium{told}; widen [calibrate] bounds, or "
+            "correct the unit of the pressure log (top_kPa under [pressure] tells a wrong one)"
         )
     full_solves(on, generations, say).save(run.path("generations.npz"))
     candidates = np.concatenate([g.candidates for g in generations])

@@ -8,6 +8,7 @@ import platform
 import shutil
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -117,6 +118,11 @@ class EngineJobs:
             for old in list(self._courses)[:-KEPT]:
                 del self._courses[old]
         return course if at is None else (course[0], _at(interpolation(case, at), course[1]))
+
+    def reasons(self, most: int = 3) -> str:
+        """Why jobs failed, the most frequent reasons first; "" where none did."""
+        counted = Counter(why.partition("; its files are in")[0] for why in self.failed).most_common(most)
+        return "; ".join(f"{why} ({n} jobs)" for why, n in counted)
 
     def _job(self, case: Case, pressure: float, gravity: Array, at: Array | None) -> Job:
         top = rounded_up(max(pressure, 1e-6))

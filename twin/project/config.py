@@ -127,6 +127,10 @@ class ModelTable(TableModel):
     engine_command: Program | None = Field(
         default=None, description='name of the program on the search path, such as "abq2023" or "ccx_2.21"'
     )
+    engine_timeout_s: float | None = Field(
+        default=None, gt=0, le=1e6, description="seconds after which a job is killed, and its candidate is "
+        "the worst one; left out: 3600"
+    )  # fmt: skip
     finger: FingerTable | None = None
     pneunet: PneunetTable | None = None
     tube: TubeTable | None = None
@@ -173,8 +177,9 @@ class ModelTable(TableModel):
                 f"model.self_contact = true with engine = {self.engine!r}: only the embedded engine finds "
                 "which walls meet; set it to false, or remove the engine"
             )
-        keys = {"engine_cpus": self.engine_cpus, "engine_command": self.engine_command}
+        keys: dict[str, object] = {"engine_cpus": self.engine_cpus, "engine_command": self.engine_command}
         keys |= {"engine_jobs": self.engine_jobs, "engine_memory": self.engine_memory}
+        keys["engine_timeout_s"] = self.engine_timeout_s
         present = [key for key, value in keys.items() if value is not None]
         if self.engine == EMBEDDED and present:
             raise ValueError(

@@ -12,7 +12,7 @@ from twin.project.trust import leads_out, links
 # nothing of what they hold, which the digests do.
 ELSEWHERE = {("model", "effects"), ("model", "effect_files")}
 # How a job runs changes no figure; which program solves does.
-RUNNING = {("model", f"engine_{key}") for key in ("cpus", "jobs", "memory", "command")}
+RUNNING = {("model", f"engine_{key}") for key in ("cpus", "jobs", "memory", "command", "timeout_s")}
 
 
 def changes(

@@ -4,6 +4,7 @@ import ast
 import dataclasses
 import json
 import os
+import re
 import stat
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import pytest
 from fe import Case, solve
 from fe import Path as Course
 from fe.deck.reader import read_deck
+from fe.engines import process
 from fe.engines.abaqus import EXTRACT, Abaqus
 from fe.engines.calculix import CalculiX
 from fe.engines.engine import Embedded, Engine
@@ -218,6 +220,64 @@ def test_of_a_calculix_that_stopped_the_last_block_does_not_count(tmp_path: File
     assert found.reason == "stopped at 0.5 of the step: *ERROR: too many cutbacks"
     np.testing.assert_array_equal(found.share, [0.25, 0.5])
     np.testing.assert_array_equal(found.course[:, 0, 0], [1.0, 2.0])
+
+
+def frd(*blocks: tuple[str, str]) -> str:
+    """A result file of CalculiX with one node: time and displacement of each increment."""
+    return "".join(
+        f"  100CL  10{k} {time:>11}           1                     0    {k}           1\n -4  DISP        4    1\n"
+        f" -1      4401{u:>12} 0.00000E+00 0.00000E+00\n -3\n"
+        for k, (time, u) in enumerate(blocks)
+    )
+
+
+HALF, FULL = ("5.00000E-01", "1.00000E-01"), ("1.00000E+00", "2.00000E-01")
+WRITE = "open('job.frd', 'w').write({!r})"
+MISBEHAVIOUR = {
+    "nan": (WRITE.format(frd(HALF, (FULL[0], "NaN"))), "no numbers below"),
+    "infinity": (WRITE.format(frd(HALF, (FULL[0], "Infinity"))), "no numbers below"),
+    "too far": (WRITE.format(frd(HALF, (FULL[0], "1.0000E+200"))), "no numbers below"),
+    "stars": (WRITE.format(frd(HALF, (FULL[0], "*" * 12))), r"no number .*\*{12}"),
+    "no E": (WRITE.format(frd(HALF, (FULL[0], "1.00000-100"))), "no number .*1.00000-100"),
+    "foreign byte": ("open('job.frd', 'wb').write({!r})".format(frd(HALF, FULL).encode().replace(b"2.00", b"2.\xff0")), "no number"),
+    "stars for a time": (WRITE.format(frd(HALF, ("*" * 11, FULL[1]))), r"no number .*\*{11}"),
+    "time that goes back": (WRITE.format(frd(FULL, HALF)), "times that do not increase"),
+    "written twice": (WRITE.format(frd(HALF, HALF)), "times that do not increase"),
+    "pipe": ("import os; os.mkfifo('job.frd')", "job.frd: wanted a file, no pipe or device"),
+    "device": ("import os; os.symlink('/dev/urandom', 'job.frd')", "job.frd: wanted a file, no pipe or device"),
+    "large": ("open('job.frd', 'w').truncate(2**31 + 1)", "job.frd: wanted a file, .* of at most 2 GB"),
+    "hangs": ("import time; time.sleep(600)", "not ended after 2 s, and killed"),
+    "child hangs": ("import subprocess, sys; subprocess.run(['sleep', '600'])", "not ended after 2 s, and killed"),
+    "prints without end": ("while True: print('y' * 65536)", "printed more than 16 MB"),
+    "nothing": ("pass", "ccx stopped before the end"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MISBEHAVIOUR)
+def test_a_program_that_misbehaves_gives_a_reason(tmp_path: File, name: str) -> None:
+    act, told = MISBEHAVIOUR[name]
+    program = tmp_path / "ccx"
+    end = "import sys; sys.stdout.buffer.write(b'\\xff\\xfe'); print(' Job finished')"
+    program.write_text(f"#!{sys.executable}\n{act}\n{end}\n")
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    found = CalculiX(executable=str(program), timeout_s=2.0).run("*STEP\n")
+    assert not found.converged
+    assert re.search(told, found.reason)
+
+
+def test_bytes_that_are_no_text_spoil_no_job(tmp_path: File, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "ccx"
+    printed = "import sys; sys.stdout.buffer.write(b'Version \\xff2.20\\n'); print(' Job finished')"
+    act = WRITE.format(frd(HALF, FULL))
+    program.write_text(f"#!{sys.executable}\n{printed}\nif '-v' not in sys.argv: {act}\n")
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    engine = CalculiX(executable=str(program))
+    np.testing.assert_array_equal(engine.run("*STEP\n").course[:, 0, 0], [0.1, 0.2])
+    assert engine.release().startswith("CalculiX")
+    program.write_text(f"#!{sys.executable}\nimport time; time.sleep(600)\n")
+    monkeypatch.setattr(process, "RELEASE_S", 1.0)
+    with pytest.raises(TimeoutError, match="not ended after 1 s, and killed; wanted its version"):
+        engine.release()
 
 
 # An Abaqus that solves by CalculiX and keeps its result as text; its Python has an `odbAccess` that reads it, so

@@ -234,6 +234,8 @@ def test_a_program_that_is_absent_is_one_line_before_anything_runs(
         ({"engine": "abaqus", "engine_memory": "4"}, 'a size such as "4 GB"'),
         ({"engine": "abaqus", "engine_command": "/opt/tools/abaqus"}, "without its folder"),
         ({"engine": "abaqus", "engine_command": "bash"}, "begins with abaqus"),
+        ({"engine_timeout_s": 60}, "the embedded engine takes none"),
+        ({"engine": "calculix", "engine_timeout_s": 0}, "greater than 0"),
         ({"engine": "abaqus", "engine_cpus": 0}, "greater than or equal to 1"),
     ],
 )
@@ -258,3 +260,4 @@ def test_processors_and_memory_reach_the_command_line() -> None:
     assert extraction[0] == "abq2023"
     assert engine_of(ModelTable(engine="abaqus")) == Abaqus()  # the study's 4 CPUs and 60 % of the memory
     assert engine_of(ModelTable(engine="calculix", engine_cpus=3)) == CalculiX(threads=3)
+    assert engine_of(ModelTable(engine="calculix", engine_timeout_s=60)) == CalculiX(timeout_s=60)

@@ -197,6 +197,7 @@ def test_a_job_that_fails_is_told_kept_and_tried_again(
     assert paths.predict(mooney_rivlin(0.2, 0.1), at) is None
     (said,) = jobs.failed
     assert said.startswith("Formula: stopped at")
+    assert jobs.reasons() == f"{said.partition(';')[0]} (1 jobs)"
     (folder,) = jobs.folder.iterdir()
     assert str(folder) in said
     assert (folder / "job.log").read_text() == "what the program said"
