@@ -78,7 +78,9 @@ class Draft:
         """The case, in the deck's own units, and the numbers (e,) of its elements: labels become rows.
         ValueError for what is used but not defined, or not complete."""
         if not self.mesh.elements:
-            raise ValueError(f"{self.file}: no elements; wanted *NODE and *ELEMENT")
+            skins = ", ".join(sorted({kind for kind, _ in self.mesh.skins.values()}))
+            told = f"no solid elements, only {skins} of a plane or a line" if skins else "no elements"
+            raise ValueError(f"{self.file}: {told}; wanted *NODE and *ELEMENT")
         if not self.mesh.nodes:
             raise ValueError(f"{self.file}: no nodes; wanted *NODE and *ELEMENT")
         places, bonded = dict(self.mesh.nodes), self._joined()
@@ -177,7 +179,7 @@ class Draft:
         connectivity = rows(self.file, labels, nodes_of.ravel(), "node").reshape(nodes_of.shape)
         node_sets = {n: rows(self.file, labels, sorted(set(s)), "node") for n, s in mesh.node_sets.items()}
         element_sets = {
-            name: rows(self.file, numbers, sorted(set(s) - mesh.sheets.keys()), "element")
+            name: rows(self.file, numbers, sorted(set(s) - mesh.sheets.keys() - mesh.skins.keys()), "element")
             for name, s in mesh.element_sets.items()
         }
         surfaces = {}
@@ -225,6 +227,10 @@ def _materials(draft: Draft, sets: dict[str, Integers], numbers: Integers) -> di
         if name not in sets:
             raise ValueError(
                 f"{draft.file}: *SOLID SECTION for the element set {name!r}, which is not defined"
+            )
+        if draft.mesh.skins.keys() & draft.mesh.element_sets[name]:
+            raise ValueError(
+                f"{draft.file}: *SOLID SECTION for {name!r}, with elements of a plane or line: wanted solids"
             )
         covered[sets[name]] += 1
         out[name] = draft.materials[material]

@@ -59,14 +59,15 @@ def end_instance(draft: Draft, k: Keyword) -> None:
         return
     (name, moved), copy, mesh = draft.instance, draft.here, draft.mesh
     draft.here, draft.instance = mesh, None
-    top = max([0, *mesh.nodes, *mesh.elements, *mesh.sheets])
+    top = max([0, *mesh.nodes, *mesh.elements, *mesh.sheets, *mesh.skins])
     more = 10 ** len(str(top)) if top else 0
     draft.numbered[name] = more
     if more:
         draft.remark(f"Nodes and elements of the instance {name} have {more} added to their labels.")
     mesh.nodes |= {n + more: _placed(x, moved) for n, x in copy.nodes.items()}
-    mesh.elements |= {e + more: (kind, [n + more for n in row]) for e, (kind, row) in copy.elements.items()}
-    mesh.sheets |= {e + more: (kind, [n + more for n in row]) for e, (kind, row) in copy.sheets.items()}
+    for elements in ("elements", "sheets", "skins"):
+        copied = {e + more: (k, [n + more for n in row]) for e, (k, row) in getattr(copy, elements).items()}
+        getattr(mesh, elements).update(copied)
     sections, sheets = dict(copy.sections), dict(copy.sheet_sections)
     for sets in SETS:
         there = getattr(mesh, sets)

@@ -25,8 +25,8 @@ class SheetSection:
 @dataclass
 class MeshDraft:
     """Mesh of a deck or a part: nodes, elements (type, nodes), sets and sections by labels and names in small
-    letters. sheets: shells and membranes. inherited: names that came with an instance, and the instance's
-    name."""
+    letters. sheets: shells and membranes; skins: elements of planes and lines, left out. inherited: names
+    that came with an instance, and the instance's name."""
 
     nodes: dict[int, Array] = field(default_factory=dict)
     elements: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
@@ -35,12 +35,13 @@ class MeshDraft:
     surfaces: dict[str, Faces] = field(default_factory=dict)
     sections: dict[str, str] = field(default_factory=dict)
     sheets: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
+    skins: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
     sheet_sections: dict[str, SheetSection] = field(default_factory=dict)
     inherited: dict[tuple[str, str], str] = field(default_factory=dict)
 
     def element(self, number: int) -> tuple[str, list[int]]:
         """The type and the nodes of a solid or a sheet. ValueError where there is none of that number."""
-        for elements in (self.sheets, self.elements):
+        for elements in (self.sheets, self.elements, self.skins):
             if number in elements:
                 return elements[number]
         raise ValueError(f"element {number} is used but not defined; define it or leave it out")
@@ -112,7 +113,7 @@ def in_tetrahedra(mesh: MeshDraft, file: str, remark: Callable[[str], None]) -> 
         elements={t: (TETRAHEDRA, row) for t, row in enumerate(division.connectivity.tolist(), start=1)},
         node_sets=sets,
         element_sets={
-            name: [t for e in s if e not in mesh.sheets for t in parts.get(e, [-e])]
+            name: [t for e in s if e not in mesh.sheets | mesh.skins for t in parts.get(e, [-e])]
             for name, s in mesh.element_sets.items()
         },
         surfaces=surfaces,

@@ -12,6 +12,7 @@ from fe.deck.keywords import Keyword, Place, filled
 from fe.deck.setnames import small
 
 FARTHEST = 1e5  # mm from the origin
+SKINS = re.compile(r"(CPS|CPE|CAX|T2D|T3D|B2|B3)\d")  # elements that a mesher writes beside the solids
 MOST_MEMBERS = 10_000_000  # of a set
 
 
@@ -47,6 +48,13 @@ def elements(draft: Draft, k: Keyword) -> None:
     """*ELEMENT."""
     kind = k.parameters.get("TYPE", "").upper()
     count = nodes_of(kind)
+    if SKINS.match(kind):
+        draft.remark(f"Elements {kind}, of a plane or a line, are left out: they are no part of the body.")
+        skins = [k.wholes(line, words, low=1) for line, words in k.data]
+        draft.here.skins.update({e: (kind, row) for e, *row in skins})
+        if "ELSET" in k.parameters:
+            join(setnames.opened(draft, "element_sets", k.text("ELSET"), []), [row[0] for row in skins])
+        return
     if count is None:
         raise k.error(
             f"element type {kind or 'absent'}: wanted one of {', '.join([*KINDS, *SHEETS])}; mesh it with one"

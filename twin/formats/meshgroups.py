@@ -21,11 +21,12 @@ from fe.mesh.refine import unshared
 
 MESHES = (".msh", ".vtk", ".vtu")
 SOLIDS = {"tetra": "C3D10H", "tetra10": "C3D10H", "hexahedron": "C3D8H", "hexahedron20": "C3D20RH"}
+SOLIDS["hexahedron27"] = "C3D20RH"  # Gmsh's own second order: its first 20 nodes are those
 AXES = "xyz"
 FLAT = 1e-6  # of the mesh's extent
 SIDES = ("min", "max")
 EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))  # of a tetrahedron, as Abaqus lists their middles
-FACES = ("triangle", "triangle6", "quad", "quad8")  # in the same order as those of Abaqus
+FACES = ("triangle", "triangle6", "quad", "quad8", "quad9")  # in the same order as those of Abaqus
 PRESSURE = ("chamber", "pressure", "cavity", "inside", "inner")
 CLAMP = ("clamp", "root", "fixed", "base")
 SYMMETRY = {"xsymm": "XSYMM", "ysymm": "YSYMM", "zsymm": "ZSYMM", "symmetry": "YSYMM"}
@@ -136,20 +137,31 @@ def _groups(path: Path, turn: Array) -> Groups:
     has no solid cells of one type."""
     import meshio
 
+    wanted = f"wanted one type of {', '.join(SOLIDS)}; mesh it with one, and save all elements"
+    if not path.is_file():
+        raise ValueError(f"{path.name}: wanted a mesh file, no pipe, device or folder")
+    read = {".msh": meshio.gmsh.read, ".vtk": meshio.vtk.read, ".vtu": meshio.vtu.read}[path.suffix.lower()]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            mesh = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio ends the program for a file that it does not know
+            mesh = read(path)
+    except KeyError as error:  # the name of a type without a reader, such as 'wedge15'
+        raise ValueError(f"{path.name}: cells {error}, which cannot be read; {wanted}") from None
+    except (Exception, SystemExit) as error:
+        with path.open("rb") as file:
+            head = file.read(64).split()
+        if head[:2] == [b"$MeshFormat", b"4.0"] or head[1:2] == [b"4"]:
+            raise ValueError(
+                f"{path.name}: a mesh of Gmsh's format 4.0 that cannot be read: wanted 4.1 or 2.2; save it "
+                "with Mesh.MshFileVersion = 4.1"
+            ) from None
         raise ValueError(f"{path.name}: not a mesh that can be read ({str(error)[:200]})") from None
-    kinds = {block.type for block in mesh.cells} & {*SOLIDS, "wedge", "pyramid", "wedge15", "hexahedron27"}
+    kinds = {block.type for block in mesh.cells if block.dim == 3}
     if len(kinds) != 1 or not kinds <= SOLIDS.keys():
-        raise ValueError(
-            f"{path.name}: solid cells {', '.join(sorted(kinds)) or 'none'}; wanted one type of "
-            f"{', '.join(SOLIDS)}; mesh it with one, and save all elements"
-        )
+        raise ValueError(f"{path.name}: solid cells {', '.join(sorted(kinds)) or 'none'}; {wanted}")
     (kind,) = kinds
     elements, solid = _named(mesh, (kind,))
+    elements = elements[:, :20]
     corners, faces = _named(mesh, FACES)
     cells = {name: rows for name, rows in solid.items() if len(rows)}
     grouped = np.zeros(len(elements), int)

@@ -191,3 +191,18 @@ def test_a_field_that_is_no_number_is_named(tmp_path: File, old: str, new: str, 
 def test_a_force_on_a_part_of_an_earlier_one_is_refused(tmp_path: File) -> None:
     with pytest.raises(ValueError, match=saying(r"\*CLOAD", "part of top", "OP=NEW")):
         read(tmp_path, text("*CLOAD\nTOP, 3, 0.001", "*CLOAD\n5, 3, 0.002"))
+
+
+SKIN = "*ELEMENT, TYPE=CPS4, ELSET=LIDSKIN\n2, 5, 6, 7, 8\n*ELEMENT, TYPE=T3D2\n3, 1, 2\n*NSET, NSET=TOP\n"
+
+
+def test_elements_of_planes_and_lines_are_left_out_and_told(tmp_path: File) -> None:
+    deck = text(PRESS).replace("*NSET, NSET=TOP\n5, 6, 7, 8\n", f"{SKIN}5\n*NSET, NSET=TOP, ELSET=LIDSKIN\n")
+    found = read(tmp_path, deck)
+    assert len(found.case.connectivity) == 1
+    assert len(found.case.node_sets["top"]) == 4
+    assert [r.partition(",")[0] for r in found.remarks] == ["Elements CPS4", "Elements T3D2"]
+    with pytest.raises(ValueError, match=saying("lidskin", "wanted solids")):
+        read(tmp_path, deck.replace("*MATERIAL", "*SOLID SECTION, ELSET=LIDSKIN, MATERIAL=M\n*MATERIAL"))
+    with pytest.raises(ValueError, match=saying("only CPS4", "wanted")):
+        read(tmp_path, text(PRESS).replace("TYPE=C3D8, ELSET=E\n1, 1, 2, 3, 4, 5, 6, 7, 8", "TYPE=CPS4, ELSET=E\n1, 1, 2, 3, 4"))

@@ -1,5 +1,6 @@
 """Decks as published actuators have them, and meshes with named groups: from `twin init --deck` to a fit."""
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import permutations
@@ -129,6 +130,44 @@ def test_a_mesh_with_groups_becomes_a_deck(tmp_path: Path, name: str, sets: tupl
     assert case.clamp is not None
     assert not case.nodes[case.clamped][:, 0].any()
     assert len(case.surfaces[str(case.pressurised)]) == 2 * 4 + 2  # the sides of two cells, but for their joint
+
+
+def test_second_order_of_gmsh_is_read_and_what_cannot_be_is_named(tmp_path: Path) -> None:
+    file = mesh_file(tmp_path / "a.msh")
+    linear = meshio.read(file)
+    hexes, quads = (np.asarray(linear.cells_dict[kind]) for kind in ("hexahedron", "quad"))
+    edges = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+    sides = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7), range(8))
+    number, places = dict[frozenset[int], int](), list(linear.points)
+
+    def middle(corners: list[int]) -> int:
+        if frozenset(corners) not in number:
+            number[frozenset(corners)] = len(places)
+            places.append(linear.points[corners].mean(axis=0))
+        return number[frozenset(corners)]
+
+    rich = [[*h, *(middle([h[k] for k in own]) for own in (*edges, *sides))] for h in hexes.tolist()]
+    skin = [[*q, *(middle([q[k], q[k - 3]]) for k in range(4)), middle(q)] for q in quads.tolist()]
+    blocks = [("hexahedron27", np.array(rich)), ("quad9", np.array(skin))]
+    made = meshio.Mesh(np.array(places), blocks, cell_data=linear.cell_data, field_data=linear.field_data)
+    meshio.write(tmp_path / "rich.msh", made, file_format="gmsh22", binary=False)
+    (tmp_path / "rich.inp").write_text(deck_of(tmp_path / "rich.msh", clamp_set="End", constants=(0.2, 0.1)))
+    case = of_deck(tmp_path / "rich.inp").case
+    assert case.element.name == "C3D20RH"
+    assert len(case.nodes) == len(linear.points) + len({e for h in hexes for a, b in edges for e in [frozenset((h[a], h[b]))]})
+    assert len(case.surfaces[str(case.pressurised)]) == 2 * 4 + 2
+    wedge = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n15\n" + "".join(f"{n} {n % 3} {n % 5} {n}\n" for n in range(1, 16))
+    wedge += "$EndNodes\n$Elements\n1\n1 18 2 1 1 " + " ".join(map(str, range(1, 16))) + "\n$EndElements\n"
+    for text, told in (
+        (wedge, saying("w.msh", "wedge15", "wanted one type of tetra")),
+        ("$MeshFormat\n4.0 0 8\n$EndMeshFormat\n$Entities\n", saying("format 4.0", r"Mesh.MshFileVersion = 4.1")),
+    ):
+        (tmp_path / "w.msh").write_text(text)
+        with pytest.raises(ValueError, match=told):
+            deck_of(tmp_path / "w.msh", constants=(0.2, 0.1))
+    os.mkfifo(tmp_path / "pipe.msh")
+    with pytest.raises(ValueError, match=saying("pipe.msh", "no pipe")):
+        deck_of(tmp_path / "pipe.msh", constants=(0.2, 0.1))
 
 
 def test_a_group_that_is_not_there_is_named_with_those_that_are(tmp_path: Path) -> None:
