@@ -261,7 +261,7 @@ def together(path: Path, *parts: Callable[[], object]) -> None:
 def _text(path: Path, wanted: str) -> str:
     """The text of a file: UTF-8, UTF-16 or, as of old programs, Windows-1252."""
     if not path.is_file():
-        what = "a folder" if path.is_dir() else "no such file" if not path.exists() else "no file of data"
+        what = "a folder" if path.is_dir() else "no such file" if not path.exists() else "a FIFO or a device"
         raise ValueError(f"{path}: {what}; wanted a CSV file with a header line {wanted}")
     if path.stat().st_size > LARGEST:
         size = f"{path.stat().st_size / 1e6:.0f} MB; wanted at most {LARGEST / 1e6:.0f}"

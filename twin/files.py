@@ -9,6 +9,7 @@ import os
 import platform
 import shlex
 import shutil
+import stat
 import time
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -25,7 +26,9 @@ from pydantic import BaseModel
 from twin.validation import checked
 
 MOST_BYTES = 4 * 2**30  # of the arrays of one file
+MOST_READ = 2**30  # bytes of any other file
 LOOKS, LOOK_S = 10, 0.05  # how often the name of the other command is looked for, and the time between, s
+UNREADABLE = (ValueError, OSError, MemoryError)  # errors of a file that another file must not suffer from
 AGAIN = "remove it and run its stage again"
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -129,11 +132,44 @@ def append_jsonl(path: Path, record: Mapping[str, Any]) -> None:
         raise OSError(error.errno, error.strerror, str(path)) from None
 
 
+def is_special(path: Path) -> bool:
+    """True for a FIFO, a socket or a device, from which a reader would wait or read for ever.
+
+    >>> is_special(Path(os.devnull)), is_special(Path()), is_special(Path("none"))
+    (True, False, False)
+    """
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def read_bytes(path: Path, *, most: int = MOST_READ) -> bytes:
+    """The bytes of a file: the one function that opens files to read. OSError where the system refuses, which
+    says nothing against the file; ValueError for no file, such as a FIFO, and for more than `most` bytes."""
+    with open(path, "rb", opener=_open_at_once) as stream:
+        about = os.fstat(stream.fileno())
+        if not stat.S_ISREG(about.st_mode):
+            raise ValueError(f"{path}: a FIFO, a socket or a device; wanted a file")
+        if about.st_size > most:
+            raise ValueError(f"{path}: {about.st_size / 2**30:.1f} GB; wanted at most {most / 2**30:g} GB")
+        try:
+            return stream.read()
+        except MemoryError:
+            raise MemoryError(f"{path} has {about.st_size / 2**20:.1f} MB") from None
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))  # else a FIFO waits for who writes to it
+
+
+def read_text(path: Path, *, encoding: str = "utf-8", errors: str = "strict") -> str:
+    """The text of a file with ends of lines as here; as `read_bytes`."""
+    return read_bytes(path).decode(encoding, errors).replace("\r\n", "\n").replace("\r", "\n")
+
+
 def read_jsonl(path: Path) -> list[dict[str, Any]]:
     """The records of a log, [] without a file; a last line cut off by a kill is left out."""
     if not path.exists():
         return []
-    lines = path.read_bytes().split(b"\n")[:-1]  # what follows the last newline was cut off
+    lines = read_bytes(path).split(b"\n")[:-1]  # what follows the last newline was cut off
     try:
         records = [json.loads(line) for line in lines if line.strip()]
     except (ValueError, RecursionError) as error:
@@ -146,7 +182,7 @@ def read_jsonl(path: Path) -> list[dict[str, Any]]:
 def mend_jsonl(path: Path) -> None:
     """Drop a last line cut off by a kill, so that the next record starts on its own line."""
     if path.exists():
-        data = path.read_bytes()
+        data = read_bytes(path)
         complete = data[: data.rfind(b"\n") + 1]
         if complete != data:
             write_bytes(path, complete)
@@ -155,7 +191,7 @@ def mend_jsonl(path: Path) -> None:
 def read_json(path: Path) -> Any:
     """The content of a JSON file; ValueError names the file and the place where it is broken."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(read_text(path))
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
     except RecursionError:
@@ -178,8 +214,9 @@ def read_npz(path: Path, *required: str) -> dict[str, NDArray[Any]]:
 
     ValueError names the file where it is damaged or too large, or an array of `wanted` is not in it.
     """
+    data = read_bytes(path, most=MOST_BYTES)
     try:
-        with zipfile.ZipFile(path) as packed:
+        with zipfile.ZipFile(io.BytesIO(data)) as packed:
             entries = packed.infolist()
             size = sum(entry.file_size for entry in entries)
             if size > MOST_BYTES:  # some kilobytes may unpack to more than any memory holds
@@ -189,7 +226,9 @@ def read_npz(path: Path, *required: str) -> dict[str, NDArray[Any]]:
             raise ValueError("an array stands twice")
         if missing := [name for name in required if name not in arrays]:
             raise ValueError(f"it has no array {missing[0]!r}")
-    except Exception as error:  # zipfile, numpy and the file system each raise their own kinds
+    except MemoryError:  # the file is sound for all that is known
+        raise MemoryError(f"{path} has {size / 2**20:.1f} MB of arrays") from None
+    except Exception as error:  # zipfile and numpy each raise their own kinds
         raise ValueError(f"{path}: not a readable npz file ({error}); {AGAIN}") from None
     return arrays
 
@@ -237,7 +276,7 @@ def digest_of(paths: Iterable[Path], *, root: Path) -> dict[str, str]:
     for path in paths:
         for file in sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]:
             if not file.is_file():
-                raise ValueError(f"{file}: no such file")
+                raise ValueError(f"{file}: {'a FIFO or a device' if is_special(file) else 'no such file'}")
             with open(file, "rb") as stream:
                 digests[_from(file, root)] = hashlib.file_digest(stream, "sha256").hexdigest()
     return digests

@@ -65,7 +65,7 @@ def _before(project: Project) -> list[Path]:
 def _former(project: Project) -> Project | None:
     try:
         return former_of(project)
-    except ValueError:  # it is gone, or its twin.toml is not right: recalibrate says so
+    except files.UNREADABLE:  # it is gone, or its twin.toml is not right: recalibrate says so
         return None
 
 
@@ -78,7 +78,7 @@ def _like(project: Project) -> str | None:
 def _same_points(path: Path, project: Project) -> bool:
     try:
         points = Project.open(path).config.points
-    except ValueError:
+    except files.UNREADABLE:
         return False
     return {p.name for p in points} == {p.name for p in project.config.points}
 
@@ -87,7 +87,7 @@ def _values(path: Path) -> tuple[BatchValue, ...] | None:
     """Constants of the newest fit of a batch, None without one."""
     try:
         return values_of(files.read(FitRecord, fit_file(Project.open(path))))
-    except ValueError:
+    except files.UNREADABLE:
         return None
 
 

@@ -113,9 +113,10 @@ def batch_of(folder: Path, opened: Opened = Project.open) -> Batch:
         project = opened(folder)
         record = files.read(FitRecord, fit_file(project))
         values = values_of(record)
-    except ValueError as error:
-        return Batch(name=folder.name, verdict="", effects=(), values=(), problem=str(error))
-    verdict = (newest(project, DiagnosisRecord) or NONE).verdict
+        verdict = (newest(project, DiagnosisRecord) or NONE).verdict
+    except files.UNREADABLE as error:
+        problem = str(error) or f"{folder}: the memory of this computer does not suffice"
+        return Batch(name=folder.name, verdict="", effects=(), values=(), problem=problem)
     return Batch(name=folder.name, verdict=verdict, effects=record.effects, values=values)
 
 

@@ -130,7 +130,7 @@ class Project:
             )
         if leads_out(folder / "twin.toml", folder):
             raise ValueError(f"{folder / 'twin.toml'} is a link out of its folder; copy the file there")
-        data = (folder / "twin.toml").read_bytes()
+        data = files.read_bytes(folder / "twin.toml")
         config = parse(data, name="twin.toml")
         if not strange:
             check_folder(folder, config)

@@ -102,7 +102,7 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     path, about = folder / "targets.csv", TargetsTable()
     table = read_table(path, tuple(COLUMNS))
     if (toml := folder / "targets.toml").exists():
-        about = checked(TargetsTable, tables_of(toml.read_bytes(), name=str(toml)), name=str(toml))
+        about = checked(TargetsTable, tables_of(files.read_bytes(toml), name=str(toml)), name=str(toml))
     exact = files.read_npz(npz) if (npz := folder / "targets.npz").exists() else {}
     noises = [n for n in (about.noise, *(b.noise for b in about.blocks)) if n is not None]
     if not exact and not all(n.is_stated for n in noises):

@@ -103,7 +103,10 @@ def links(root: Path, config: Config) -> list[Asked]:
     its former batch where that lies elsewhere."""
     # every text counts as a path: no key of twin.toml that names a file can be forgotten
     texts = dict.fromkeys(_texts(config.model_dump(exclude={"project"})))
-    named = dict.fromkeys(path for text in texts for path in _below(root, text) if leads_out(path, root))
+    every = [path for text in texts for path in _below(root, text)]
+    if special := [path for path in every if files.is_special(path)]:
+        raise ValueError(f"{special[0]} is a FIFO, a socket or a device; wanted a file, or nothing there")
+    named = dict.fromkeys(path for path in every if leads_out(path, root))
     what = "a link to {}, outside the project folder"
     return [*former_batch(root, config), *(_asked(root, path, what) for path in named)]
 
@@ -145,9 +148,10 @@ def check_folder(root: Path, config: Config) -> None:
     """Raise ValueError where a project folder leads out of itself: by a link in runs/, cache/ or targets/, or
     by a path of twin.toml that is a link to somewhere else and has not been trusted."""
     for path in (path for name in OWN for path in _below(root, name)):
-        if path.is_symlink():
+        if path.is_symlink() or files.is_special(path):
+            kind = "link" if path.is_symlink() else "FIFO, a socket or a device"
             raise ValueError(
-                f"{path} is a link: wanted a folder and files of the project's own, as commands write "
+                f"{path} is a {kind}: wanted a folder and files of the project's own, as commands write "
                 "there; replace it by what it leads to, or remove it"
             )
     check_programs(root, config)
@@ -169,8 +173,8 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _below(root: Path, pattern: str) -> Iterator[Path]:
-    """Paths in a folder that a text of twin.toml names as a path or a pattern, and the links below them,
-    which are not followed."""
+    """Paths in a folder that a text of twin.toml names as a path or a pattern; below them links, which are
+    not followed, FIFOs and devices."""
     try:
         paths = sorted(root.glob(pattern)) or [path for path in [root / pattern] if path.is_symlink()]
     except (ValueError, NotImplementedError, OSError):  # no pattern: another text
@@ -183,4 +187,4 @@ def _below(root: Path, pattern: str) -> Iterator[Path]:
             continue
         for parent, folders, names in os.walk(path):
             below = (Path(parent) / name for name in (*folders, *names))
-            yield from (link for link in below if link.is_symlink())
+            yield from (other for other in below if other.is_symlink() or files.is_special(other))

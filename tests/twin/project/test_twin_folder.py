@@ -10,6 +10,7 @@ import sys
 import time
 import warnings
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.lib import format as npy
 
 from twin import files
 from twin.calibrated.caches import SolvedRows
+from twin.csvtable import read_table
 from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.inputs.camerarecord import CameraRecord
 from twin.judging.fitrecord import FitRecord
@@ -367,3 +369,47 @@ def test_no_other_code_reads_arrays():
     """Each of them would need the limits of `files.read_npz` again; what comes with the package needs none."""
     sources = [path for package in ("twin", "vision", "fe", "calibrate") for path in (ROOT / package).rglob("*.py")]
     assert [path.name for path in sources if re.search(r"np\.load|npy\.read_array|pickle\.load", path.read_text(encoding="utf-8")) and path.name != "fingertable.py"] == ["files.py"]
+
+
+def test_a_sound_file_is_never_called_damaged(tmp_path, monkeypatch):
+    """Too many open files and too little memory say so, and nobody is told to remove the file."""
+    files.write_npz(tmp_path / "x.npz", {"a": np.zeros(3)})
+    files.write_json(tmp_path / "x.json", {})
+    readers = {"x.npz": files.read_npz, "x.json": files.read_json}
+    many = OSError(24, "Too many open files", "x")
+    for name, reader in readers.items():
+        with monkeypatch.context() as changed:
+            changed.setattr(files, "_open_at_once", lambda *_: (_ for _ in ()).throw(many))
+            with pytest.raises(OSError, match="Too many open files"):
+                reader(tmp_path / name)
+    monkeypatch.setattr(files, "_array", lambda *_: (_ for _ in ()).throw(MemoryError))
+    with pytest.raises(MemoryError, match=r"x\.npz has "):
+        files.read_npz(tmp_path / "x.npz")
+
+
+@pytest.mark.parametrize("name", ["fifo", "device"])
+@pytest.mark.parametrize("where", ["targets/targets.npz", "targets/pressure.csv", "runs/0001-camera/run.json", "raw/log.csv", "cache/x.npz"])
+def test_a_fifo_or_device_in_the_place_of_a_file_is_refused_at_once(tmp_path, name, where):
+    (tmp_path / "twin.toml").write_text(TOML + '[pressure]\nfile = "raw/log.csv"\n')
+    place = tmp_path / where
+    place.parent.mkdir(parents=True)
+    if name == "fifo":
+        os.mkfifo(place)
+    else:
+        place.symlink_to(os.devnull)
+    with pytest.raises(ValueError, match=rf"{re.escape(where)} is a (FIFO|link)"):
+        Project.open(tmp_path)
+    for reader in (files.read_json, files.read_npz, files.read_text, partial(read_table, columns=("time_s",))):
+        with pytest.raises(ValueError, match="FIFO"):
+            reader(place)
+    with pytest.raises(ValueError, match="FIFO"):
+        files.digest_of([place], root=tmp_path)
+
+
+def test_a_file_too_large_to_read_is_named_with_its_size(tmp_path):
+    with open(tmp_path / "x.csv", "wb") as sparse:
+        sparse.truncate(3 * 2**30)
+    with pytest.raises(ValueError, match=r"x\.csv: 3221 MB; wanted at most 200"):
+        read_table(tmp_path / "x.csv", ("time_s",))
+    with pytest.raises(ValueError, match=r"x\.csv: 3\.0 GB; wanted at most 1 GB"):
+        files.read_bytes(tmp_path / "x.csv")
