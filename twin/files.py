@@ -250,7 +250,7 @@ def _array(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
 def check_plain(path: Path) -> Path:
     """The path of a file or folder, or of nothing; ValueError for a pipe or a device, whose end may never
     come."""
-    if path.exists() and not path.is_file() and not path.is_dir():
+    if is_special(path):
         raise ValueError(f"{path}: is a pipe or a device; wanted a file")
     return path
 

@@ -244,7 +244,8 @@ class Project:
 
     def compared(self, kind: str, **how: Any) -> tuple[Path | None, list[str]]:
         """The run that `done` gives and [], else the newest done one and what has changed since."""
-        stamp, newest, why = self._stamp(kind, **how), None, []
+        stamp, newest = self._stamp(kind, **how), None
+        why: list[str] = []
         stated = self.config.model_dump(mode="json", exclude_defaults=True)
         for folder, info in self._with_status(kind, "done"):
             if not (apart := differences(info, stamp, stated)):
