@@ -103,7 +103,7 @@ class Density:
                 f"{len(positions)}, which do not say how it changes with every parameter; run twin profile, "
                 "which tells how far each may go"
             )
-        scaled: Array = np.linalg.solve(scale, positions.T).T
+        scaled = np.asarray(np.linalg.solve(scale, positions.T).T, float)
         between = RBFInterpolator(scaled, moved, kernel="thin_plate_spline", degree=1)
         small, priors = np.asarray(np.linalg.qr(rows).R), priors_of(response.parameters, targets)
         return Density(response, small, between, scale, stiffness, guard, priors, beside)
