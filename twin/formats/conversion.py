@@ -85,7 +85,7 @@ def _agreement(moved: Array, time: Array, course: Log | None, noise: Noise, tabl
     if course is None or not often.any():
         return []
     squares = np.nansum(moved[:, often] ** 2, axis=2)
-    complete = np.isfinite(moved[:, often]).any(axis=2).all(axis=1)
+    complete = np.all(np.isfinite(moved[:, often]).any(axis=2), axis=1)
     mm = np.where(complete, np.sqrt(squares.mean(axis=1)), np.nan)
     motion = Motion(time - time[0], mm, float(np.nanmedian(noise.sd)))
     remedy = "Correct the times of the file"
