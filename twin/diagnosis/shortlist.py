@@ -18,8 +18,7 @@ from twin.diagnosis.screening import added, paired, screened
 from twin.diagnosis.signatures import Signatures, signatures_of
 from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.effects.requirements import lacking
-from twin.judging.judged import Judged, judge_base, judge_fit
-from twin.judging.lawerrorlevels import levels
+from twin.judging.judged import Judged, judge, judge_fit
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
@@ -51,14 +50,11 @@ class Task:
         if isinstance(start, Fit):
             fit = judge_fit(self.model, self.targets, start)
         else:
-            fit = judge_base(self.model, self.targets, starts=start, seed=self.seed)
-        if fit.at_bound:
-            again = judge_base(self.model, self.targets, starts=self.nominal, seed=self.seed)
-            fit = min(fit, again, key=lambda j: j.deviance)
-        if fit.comparison.adequate:
+            fit = judge(self.model, self.targets, starts=start, seed=self.seed)
+        if not fit.at_bound:
             return fit
-        # as every refit is scored a linearised step further, so is the base
-        return replace(fit, deviance=min(fit.deviance, levels(fit, self.targets)[0].deviance))
+        again = judge(self.model, self.targets, starts=self.nominal, seed=self.seed)
+        return min(fit, again, key=lambda j: j.deviance)
 
     @cached_property
     def nominal(self) -> Array:
