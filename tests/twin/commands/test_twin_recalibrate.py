@@ -464,6 +464,35 @@ def test_too_few_batches_are_listed_and_not_tested(batch, stages, say, tmp_path)
     assert any(line.startswith("b-0: no fit in this project") for line in say.lines)
 
 
+@pytest.mark.parametrize(
+    ("broken", "how"),
+    [("twin.toml", "sparse"), ("twin.toml", "folder"), ("runs/0004-add/fit.json", "folder"),
+     ("runs/0004-add/fit.json", "bytes"), ("runs/0001-calibrate/run.json", "fifo"), ("runs/0004-add/run.json", "link")],
+)  # fmt: skip
+def test_a_broken_neighbour_is_a_row_and_stops_nobody(batch, stages, say, tmp_path, broken, how):
+    for name in ("a0", "a1"):
+        run_recalibrate(batch(name), say)
+    path = tmp_path / "a0" / broken
+    path.unlink()
+    if how == "folder":
+        path.mkdir()
+    elif how == "fifo":
+        os.mkfifo(path)
+    elif how == "link":
+        path.symlink_to("/proc/self/mem")
+    else:
+        path.write_bytes(b"\xff\x00")
+    if how == "sparse":
+        os.truncate(path, 3 * 2**30)
+    before = len(say.lines)
+    earlier_facts(Project.open(tmp_path / "a1"), record())
+    assert run_batches(tmp_path, say)["newest"] == "a1"
+    assert any(line.startswith("a1: C10") for line in say.lines[before:])
+    told = [line for line in say.lines[before:] if line.startswith("a0: ")]
+    assert len(told) == 1
+    assert "a0" in told[0][4:] or "no fit" in told[0]  # its file, or that without it there is no fit
+
+
 def test_a_folder_without_batches_is_refused(say, tmp_path):
     assert batches_in(tmp_path) == []
     with pytest.raises(ValueError, match=r"no project below it; wanted a folder whose subfolders have a twin\.toml"):
