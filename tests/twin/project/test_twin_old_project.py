@@ -1,5 +1,5 @@
 """A finished project of a former release (tests/data/old_project, on the raw files of the quick data set) is
-opened with other versions of its libraries: nothing is stale, nothing is done again, its film is drawn upon."""
+opened with other versions of its libraries: nothing is stale, nothing is done again, the camera that its film needs is there."""
 
 import shutil
 from pathlib import Path
