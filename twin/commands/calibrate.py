@@ -38,8 +38,8 @@ def run_calibrate(
     laws: Annotated[str, Option(
         help="laws of the silicone to fit and compare, between commas such as yeoh,gent, or all")] = "",
     starts: Annotated[int, Option(
-        help="also least squares from so many starts, over all of the bounds, with a picture of where they "
-        "end")] = 0,
+        help="also least squares from so many starts, over all of the bounds, with a picture of their ends"
+    )] = 0,
 ) -> dict[str, Any]:
     """The fitted constants: a genetic algorithm, then bounded least squares on all targets, from the best end
     of all starts; and from there the effects that twin.toml has, in a run of their own."""

@@ -166,6 +166,8 @@ def read_picture(file: Path, bits: int | None = None) -> Image:
 
 def _levels(file: Path) -> NDArray[Any]:
     """Grey levels (h,w) of a picture as it has them, in 8 or 16 bits."""
+    if not file.exists():
+        raise ValueError(f"picture {file} is missing")
     if not file.is_file():
         raise ValueError(f"picture {file} is no file: wanted a picture of the kind {', '.join(SUFFIXES)}")
     if file.suffix.lower() in (".tif", ".tiff") and (pages := cv2.imcount(str(file))) > 1:

@@ -228,7 +228,7 @@ def test_a_kill_between_targets_and_done_is_mended(project, measured, monkeypatc
 
 
 def test_new_board_images_ask_for_a_new_camera(project, measured):
-    with pytest.raises(ValueError, match=r"no camera.json yet: run `twin camera` first"):
+    with pytest.raises(ValueError, match=r"no camera.json yet; run `twin camera` first"):
         run_measure(project, Lines())
     run_camera(project, Lines())
     files.write_text(project.root / "raw/boards/b3.png", "another")

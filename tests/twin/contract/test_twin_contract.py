@@ -236,7 +236,7 @@ class Broken(Push):
         (Doubled(), r"half and whole model differ by .* mm; return True from breaks_symmetry"),
         (Clipped(), r"at push\.gain = 0 the derivative is off by 50% of a difference of whole solves"),
         (Stepped(), r"at push\.gain = 0\.1 the derivative is off by 100% of a difference of whole solves"),
-        (Broken(), r"KeyError: 'push\.strength' \(while it was tried: `before` and `after` give the same"),
+        (Broken(), r"KeyError: 'push\.strength' \(while it was tried: `before` and `after` are pure"),
     ],
     ids=lambda x: type(x).__name__ if isinstance(x, Effect) else "",
 )

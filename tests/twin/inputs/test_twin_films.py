@@ -250,7 +250,7 @@ def test_a_held_out_film_does_not_enter_the_fit_and_is_judged():
     assert np.array_equal(fit.theta, again.theta)
     assert fit.comparison.p_value == again.comparison.p_value
     assert fit.deviance == again.deviance
-    (found,), (off,) = unseen(fit.errors, fit.predicted, t, {}), unseen(again.errors, again.predicted, other, {})
+    (found,), (off,) = unseen(fit.errors, fit.predicted, fit.jacobian, t, {}), unseen(again.errors, again.predicted, again.jacobian, other, {})
     assert (found.block, found.values) == (1, 72)
     assert found.rms_mm == pytest.approx(0.1, rel=0.35)  # its noise; 72 values: 8 %, 4 sds
     assert off.raw_rms_mm > 2.0
