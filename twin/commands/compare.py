@@ -46,8 +46,8 @@ def run_compare(
     say(comparison.where)
     if judgement.crossed:
         say(
-            f"{judgement.crossed}. Set self_contact = true in [model] of twin.toml: then they push on each "
-            "other."
+            f"{judgement.crossed}. Set self_contact = true in [model] of twin.toml: then they push "
+            "on each other."
         )
     say(f"Wrote {project.shown(run.folder)}/comparison.json, with tables by marker, pressure and direction.")
     return {"stage": "compare", "run": run.name} | files.plain(comparison.record())

@@ -86,8 +86,8 @@ def check_agrees(
             f"the finger moves by {moved:.2g} mm in the film, and {log.path.name} does not say why: from "
             f"{span} its pressure changes by {rise:.2g} MPa (by {np.ptp(log.pressure):.2g} MPa in all), "
             f"which explains {100 * now:.0f} % of the motion, wanted {100 * LEAST:.0f} % or more; are film "
-            f"and log of one test, and is {key} right (time of the film's first frame on the clock of "
-            "the log)?"
+            f"and log of one test, and is {key} right (time of the film's first frame on the "
+            "clock of the log)?"
         )
     if remarks or not stated or not CLOCK_S < away <= AWAY_S or 1 - now < max(LITTLE, TOLD * (1 - most)):
         return remarks

@@ -342,8 +342,8 @@ def _where(comparison: Comparison) -> str:
     if np.isnan(comparison.p_value):
         return (
             "These data cannot show whether the model is right: there are no more data than fitted "
-            f"parameters ({comparison.raw_rms_mm:.3f} mm rms are left). Measure more markers, pressures or "
-            "times."
+            f"parameters ({comparison.raw_rms_mm:.3f} mm rms are left). Measure more markers, "
+            "pressures or times."
         )
     excessive = in_words(comparison.beyond, fits=comparison.adequate)
     noise = noise_in_words(comparison.tests, comparison.maps)

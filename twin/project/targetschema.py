@@ -286,8 +286,8 @@ def _point(path: Path, row: TargetMark, project_node: int | None) -> TargetPoint
         kind, node = PointKind.FIXED, None
     if project_node is not None and kind is not PointKind.UNKNOWN:
         raise ValueError(
-            f"{path}: point {name!r} has role {kind.value!r}, twin.toml gives it node {project_node}; "
-            "correct one"
+            f"{path}: point {name!r} has role {kind.value!r}, twin.toml gives it node "
+            f"{project_node}; correct one"
         )
     if project_node is not None and node not in (None, project_node):
         raise ValueError(f"{path}: point {name!r} is node {node}, twin.toml says {project_node}; correct one")
