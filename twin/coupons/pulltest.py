@@ -219,8 +219,8 @@ def _sound(
         which = "end of each hold, relaxed," if relaxed else "beginning of each hold, instant,"
         held = (
             f"the strain is held {len(holds)} times, in which the stress falls by up to {falls:.0%} "
-            f"(relaxation): the {which} is used; holds = \"{'instant' if relaxed else 'relaxed'}\" takes "
-            "the other"
+            f"(relaxation): the {which} is used; holds = \"{'instant' if relaxed else 'relaxed'}\" "
+            "takes the other"
         )
         used = longer[[*ramp, *(b if relaxed else a for a, b in holds)]]
     return used, (held, torn)

@@ -140,8 +140,8 @@ def _rate_fault(
     question = "was it filmed in slow motion, has it lost frames, or was its frame rate changed?"
     if now > max(MUCH, SURE * best):
         return OtherRate(
-            f"{what}; wanted a film whose time stamps are those of the camera: {question} "
-            f"{remedy}",
+            f"{what}; wanted a film whose time stamps are those of the camera: "
+            f"{question} {remedy}",
             sure=True,
         )
     alike = "A pressure line that lags by seconds looks alike in a short film."

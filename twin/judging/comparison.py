@@ -285,8 +285,8 @@ def right_in_words(found: Comparison | ComparisonRecord | UnseenFilm) -> str:
     if found.expected_low_mm is None or found.expected_high_mm is None or np.isnan(found.expected_low_mm):
         return ""
     return (
-        f"A right model would miss it by {found.expected_low_mm:.3f} to {found.expected_high_mm:.3f} mm "
-        "(95 %)."
+        f"A right model would miss it by {found.expected_low_mm:.3f} to "
+        f"{found.expected_high_mm:.3f} mm (95 %)."
     )
 
 

@@ -81,9 +81,9 @@ def test_own_dictionary_from_a_file(tmp_path: Path) -> None:
 def test_bad_dictionary_files(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"absent\.yml does not exist"):
         dictionary_of(str(tmp_path / "absent.yml"))
-    for text, fault in (("no yaml at all", "as YAML, XML or JSON"), ("%YAML:1.0\nnmarkers: 2\n", "wanted nmarkers, markersize"), ("", "")):
+    for text, fault in (("no yaml at all", "as YAML, XML or JSON"), ("%YAML:1.0\nnmarkers: 2\n", "wanted 3 to 16"), ("", "")):
         (tmp_path / "bad.yml").write_text(text)
-        with pytest.raises(ValueError, match=rf"bad\.yml cannot be read.*{fault}"):
+        with pytest.raises(ValueError, match=rf"bad\.yml.*{fault}"):
             dictionary_of(str(tmp_path / "bad.yml"))
 
 
