@@ -232,7 +232,7 @@ def test_new_board_images_ask_for_a_new_camera(project, measured):
         run_measure(project, Lines())
     run_camera(project, Lines())
     files.write_text(project.root / "raw/boards/b3.png", "another")
-    with pytest.raises(ValueError, match=r"runs/0001-camera/camera.json was made from other images"):
+    with pytest.raises(ValueError, match=r"raw/boards/b3\.png.*run `twin camera` first"):
         run_measure(project, Lines())
 
 
