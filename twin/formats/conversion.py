@@ -30,6 +30,7 @@ from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_posit
 MOST_STEPS = 2000  # as `steps` under [measure] of twin.toml
 MOST_MODES = 90  # of references: with more points their error counts as one of each value
 OFTEN = 0.9  # share of the rows in which a point is seen whose motion is compared with the pressure
+COARSE_S = 0.25  # rows farther apart cannot tell another rate from a line that lags
 DIGITS = 6  # of mm, as measured targets have
 
 
@@ -82,7 +83,7 @@ def _agreement(moved: Array, time: Array, course: Log | None, noise: Noise, tabl
     """Sentences on how the points' motion (s,p,3) mm goes with the log, as on a film's; ValueError where it
     contradicts it. Points that are seldom seen do not count."""
     often = np.isfinite(moved).any(axis=2).mean(axis=0) >= OFTEN
-    if course is None or not often.any():
+    if course is None or not often.any() or np.median(np.diff(time)) > COARSE_S:
         return []
     squares = np.nansum(moved[:, often] ** 2, axis=2)
     complete = np.all(np.isfinite(moved[:, often]).any(axis=2), axis=1)
