@@ -17,13 +17,13 @@ from twin.calibrated.posterior import Sample, Sampler, WholeSolve
 from twin.calibrated.predictions import NORMAL, Prediction, WantedCourse, predicted, pressure_of, why_none
 from twin.calibrated.problem import CalibrationProblem
 from twin.calibrated.profiles import Profiler, profiled_names
-from twin.calibrated.reports import Report
+from twin.calibrated.reports import Report, Reported
 from twin.diagnosis import procedure
 from twin.diagnosis.deciding import Diagnosis
 from twin.effects.labels import name_of
 from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect, Unsolvable
-from twin.judging.comparison import Comparison
+from twin.judging.comparison import Comparison, error_in_words
 from twin.judging.fitrecord import FitRecord
 from twin.judging.intervals import fit_record
 from twin.judging.judged import Judged
@@ -32,15 +32,15 @@ from twin.messages import Say, Silent
 from twin.targets import Array, Targets
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.figure import Figure
 
 SCALES = (0.5, 1.0, 2.0)  # of the law's nominal constants: the best of them is where a fit begins
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Calibration:
-    """A fitted model beside its data. It prints as a table; `to_pandas()` is that table as a DataFrame.
+class Calibration(Reported):
+    """A fitted model beside its data. It prints as a table, a row a parameter: value, sd, 95 % interval, unit
+    and note.
 
     problem: data, structure, law and effects. judged: the model, its fit and its comparison with the data.
     """
@@ -81,22 +81,10 @@ class Calibration:
             span = self.record.intervals[name]
             rows.append({"parameter": name, "value": row.value, "sd": row.sd, "low_95": span.low,
                          "high_95": span.high, "unit": row.unit, "note": span.note})  # fmt: skip
-        fits = "The model fits." if c.adequate else "The model does not fit."
         effects = f" Effects: {', '.join(self.problem.labels)}." if self.problem.labels else ""
-        return Report(said=(
-            f"{fits} chi2 {self.fit.chi2:.4g} for {self.fit.degrees_of_freedom} degrees of freedom; "
-            f"{c.raw_rms_mm:.3g} mm rms, {c.expected_mm:.3g} mm expected.{effects}",
-        ), rows=tuple(rows))  # fmt: skip
-
-    def __str__(self) -> str:
-        return str(self._report)
-
-    def _repr_html_(self) -> str:
-        return self._report._repr_html_()
-
-    def to_pandas(self) -> "pandas.DataFrame":
-        """A row a parameter: value, sd, 95 % interval, unit, note."""
-        return self._report.to_pandas()
+        fits = "The model fits." if c.adequate else "The model does not fit."
+        chi2 = f"chi2 is {self.fit.chi2:.4g} of {self.fit.degrees_of_freedom} degrees of freedom."
+        return Report(said=(f"{fits} {error_in_words(c)}", f"{chi2}{effects}"), rows=tuple(rows))
 
     def compare(self) -> Report:
         """The error by marker, direction, pressure and branch, mm: a row each."""
@@ -157,11 +145,8 @@ class Calibration:
         reached in ramp_s and held for hold_s, s. ValueError for a pressure without a unit.
         """
         texts = [at] if isinstance(at, str) else [_place_text(place) for place in at]
-        try:
-            places, tops = asked(self.problem, texts), [pressure_of(str(text)) for text in pressure]
-        except ValueError as error:  # as the options of the command have it
-            text = str(error).replace("--at ", "at ").replace("--pressure ", "pressure ")
-            raise ValueError(text.replace("of the project", "of the data")) from None
+        places = asked(self.problem, texts, argument="at")
+        tops = [pressure_of(str(text), argument="pressure") for text in pressure]
         courses = [WantedCourse.held(top, ramp_s=ramp_s, hold_s=hold_s) for top in tops]
         if not courses:
             raise ValueError('predict: no pressure; wanted one or more, such as predict("20kPa")')
@@ -293,7 +278,7 @@ def diagnose(
 
     data: by default those of the fit. effects: candidates, labels or effects of your own; by default the
     library (docs/effects.md). stand_ins: whether generic effects are tried too, so that something unknown is
-    told from what the library has. Source of the evidence: docs/diagnosis.md.
+    told from what the library has. Source of the evidence: docs/how-it-decides.md.
     """
     problem = fit.problem
     if data is not None and not np.array_equal(data.value, problem.targets.value, equal_nan=True):
@@ -318,8 +303,8 @@ def diagnose(
 
 
 @dataclass(frozen=True, eq=False)
-class Predicted:
-    """Predictions, one for each pressure; they print as a table."""
+class Predicted(Reported):
+    """Predictions as a table: a row a point and pressure, with 95 % intervals in mm."""
 
     states: tuple[Prediction, ...]
 
@@ -341,19 +326,9 @@ class Predicted:
         sentences = (why, "Beyond the pressure of the data: nobody has tested it." if beyond else "")
         return Report(said=tuple(filter(None, sentences)), rows=tuple(rows))
 
-    def __str__(self) -> str:
-        return str(self._report)
-
-    def _repr_html_(self) -> str:
-        return self._report._repr_html_()
-
-    def to_pandas(self) -> "pandas.DataFrame":
-        """A row a point and pressure: displacements with their 95 % intervals, mm."""
-        return self._report.to_pandas()
-
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class Posterior(Reported):
     """A sample of the posterior: `values` (k, d); it prints as mean and 95 % interval of each parameter."""
 
     fit: Fit
@@ -376,16 +351,6 @@ class Posterior:
             rows.append({"parameter": name, "mean": float(x.mean()), "sd": float(x.std()), "low_95": low,
                          "high_95": high, "unit": quantity.unit})  # fmt: skip
         return Report(rows=tuple(rows))
-
-    def __str__(self) -> str:
-        return str(self._report)
-
-    def _repr_html_(self) -> str:
-        return self._report._repr_html_()
-
-    def to_pandas(self) -> "pandas.DataFrame":
-        """A row a parameter."""
-        return self._report.to_pandas()
 
 
 class _Memory:

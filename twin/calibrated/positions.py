@@ -145,15 +145,19 @@ def on_model(targets: Targets, case: Case) -> tuple[Targets, tuple[str, ...]]:
     )
 
 
-def asked(problem: CalibrationProblem, at: Sequence[str]) -> dict[str, Array]:
+def asked(
+    problem: CalibrationProblem, at: Sequence[str], *, argument: str = "--at"
+) -> dict[str, Array]:
     """The places (3,) mm on the finger that texts name: points of the project, x=60 (on their line along the
-    finger), or x,y,z; all points of the project without texts."""
+    finger), or x,y,z; all points of the project without texts. An error names the argument."""
     names, every = problem.targets.names, problem.targets.places(problem.case.position)
     by_name = {n: x for n, x, p in zip(names, every, problem.targets.points) if p.kind is not PointKind.FIXED}
-    return {text: _asked(problem, text, by_name) for text in at} or by_name
+    return {text: _asked(problem, text, by_name, argument) for text in at} or by_name
 
 
-def _asked(problem: CalibrationProblem, text: str, by_name: dict[str, Array]) -> Array:
+def _asked(
+    problem: CalibrationProblem, text: str, by_name: dict[str, Array], argument: str
+) -> Array:
     if text in by_name:
         return by_name[text]
     numbers = re.sub(r"^x=", "", text).split(",")
@@ -166,13 +170,13 @@ def _asked(problem: CalibrationProblem, text: str, by_name: dict[str, Array]) ->
         x = np.array([x[0], near[1], near[2]])
     if x.shape != (3,) or not np.isfinite(x).all():
         raise ValueError(
-            f"--at {text!r}: wanted a point of the project ({', '.join(by_name)}), x=60, or x,y,z in mm, the "
-            "clamp at x = 0"
+            f"{argument} {text!r}: wanted a point of the project ({', '.join(by_name)}), x=60, or x,y,z in "
+            "mm, the clamp at x = 0"
         )
     place = np.asarray(nearest(problem.case, x), float)
     if (off := float(np.linalg.norm(place - x))) > ON_FINGER_MM:
         raise ValueError(
-            f"--at {text!r} is {off:.1f} mm off the finger's surface; wanted at most {ON_FINGER_MM:g} mm: "
-            f"the nearest place is {','.join(f'{v:.4g}' for v in place)}"
+            f"{argument} {text!r} is {off:.1f} mm off the finger's surface; wanted at most {ON_FINGER_MM:g} "
+            f"mm: the nearest place is {','.join(f'{v:.4g}' for v in place)}"
         )
     return place

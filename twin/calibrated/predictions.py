@@ -251,14 +251,15 @@ def turned(names: tuple[str, ...], u: Array, factors: Array, face: Array) -> tup
     return np.degrees(turn), np.degrees((z * error[..., 0] - x * error[..., 2]) / (x**2 + z**2))
 
 
-def pressure_of(text: str) -> float:
-    """A pressure in MPa of a text with its unit, such as 20kPa. ValueError where it is none.
+def pressure_of(text: str, *, argument: str = "--pressure") -> float:
+    """A pressure in MPa of a text with its unit, such as 20kPa. ValueError, which names the argument, where
+    it is none.
 
     >>> pressure_of("20kPa"), pressure_of("0.2 bar")
     (0.02, 0.02)
     """
     match = re.fullmatch(r"\s*([-+]?[0-9.]+(?:e[-+]?\d+)?)\s*([A-Za-z()]+)\s*", text)
-    what = f"--pressure {text!r}"
+    what = f"{argument} {text!r}"
     if match is None:
         raise ValueError(f"{what}: wanted a number with its unit, such as 20kPa or 0.2bar")
     unit = unit_of(match[2], what=what)

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from twin.table import DataTable
+
 if TYPE_CHECKING:
     import pandas
 
@@ -19,11 +21,8 @@ def aligned(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """
     if not rows:
         return []
-    cells = [list(rows[0]), *([_cell(value) for value in row.values()] for row in rows)]
-    widths = [max(len(line[k]) for line in cells) for k in range(len(cells[0]))]
-    sides = ["<" if all(isinstance(row[name], str) for row in rows) else ">" for name in rows[0]]
-    form = [f"{side}{width}" for side, width in zip(sides, widths, strict=True)]
-    return ["  ".join(map(format, line, form)).rstrip() for line in cells]
+    sides = "".join("<" if all(isinstance(row[name], str) for row in rows) else ">" for name in rows[0])
+    return DataTable(list(rows[0]), [[_cell(value) for value in row.values()] for row in rows]).lines(sides)
 
 
 def _cell(value: Any) -> str:
@@ -57,3 +56,21 @@ class Report:
         import pandas
 
         return pandas.DataFrame(list(self.rows))
+
+
+class Reported:
+    """A result that prints, shows and tabulates itself as its report does."""
+
+    @property
+    def _report(self) -> Report:
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return str(self._report)
+
+    def _repr_html_(self) -> str:
+        return self._report._repr_html_()
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """The rows of the report as a DataFrame; units stand in the names of the columns."""
+        return self._report.to_pandas()
