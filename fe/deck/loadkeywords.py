@@ -195,25 +195,23 @@ def settle(draft: Draft) -> None:
 def cload(draft: Draft, k: Keyword) -> None:
     """*CLOAD on every node of a set."""
     _renew(draft, k, draft.forces)
+    sets, earlier = draft.mesh.node_sets, dict[tuple[int, int], list[str]]()  # forces by node and component
+    for (name, d), (at, _) in draft.forces.items():
+        for n in setnames.members(draft, k, sets, name, k.place) if at != draft.steps else ():
+            earlier.setdefault((n, d), []).append(name)
     for line, words in k.data:
-        label = setnames.label(draft, words[0])
-        if label is None:
-            setnames.known(k, draft.mesh.node_sets, words[0], line)
-        where = str(label or setnames.key(draft.mesh.node_sets, words[0]))
+        chosen = dict.fromkeys(setnames.members(draft, k, sets, words[0], line))
+        where = str(setnames.label(draft, words[0]) or setnames.key(sets, words[0]))
         component = k.whole(line, words[1])
         if not 1 <= component <= 3:
             raise k.error(f"*CLOAD in component {component}: wanted 1, 2 or 3", line)
         (value,) = k.numbers(line, filled(words[2:], ""))
-        chosen = set(setnames.members(draft, k, draft.mesh.node_sets, words[0], line))
-        for (other, d), (at, _) in list(draft.forces.items()):
-            if at == draft.steps or d != component - 1 or other == where:
-                continue
-            replaced = set(setnames.members(draft, k, draft.mesh.node_sets, other, line))
-            if replaced <= chosen:
-                del draft.forces[other, d]
-            elif replaced & chosen:
+        replaced = dict.fromkeys(name for n in chosen for name in earlier.pop((n, component - 1), ()))
+        for name in (name for name in replaced if name != where):
+            if not chosen.keys() >= set(setnames.members(draft, k, sets, name, line)):
                 raise k.error(
-                    f"*CLOAD replaces the force of an earlier step on a part of {other} alone: wanted the "
+                    f"*CLOAD replaces the force of an earlier step on a part of {name} alone: wanted the "
                     "sets of that step, or OP=NEW with all forces", line,
                 )  # fmt: skip
+            del draft.forces[name, component - 1]
         _put(draft, draft.forces, (where, component - 1), followed(draft, k, value))
