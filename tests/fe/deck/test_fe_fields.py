@@ -95,6 +95,13 @@ SAME_LOADS = {
     "force anew": (["*CLOAD\nTOP, 3, 0.001", "*CLOAD, OP=NEW\nTOP, 1, 0.002"], ["*CLOAD\nTOP, 1, 0.002"]),
     "force stays": (["*CLOAD\nTOP, 3, 0.001", "*CLOAD\nTOP, 1, 0.002"], ["*CLOAD\nTOP, 3, 0.001\nTOP, 1, 0.002"]),
     "moved again": (["*BOUNDARY\nTOP, 3, 3, 0.1", "*BOUNDARY\nTOP, 3, , 0.2"], ["*BOUNDARY\nTOP, 3, 3, 0.2"]),
+    "sets, then all": (["*CLOAD\n5, 3, 0.001\nTOP, 1, 0.001", "*CLOAD\nTOP, 3, 0.002"], ["*CLOAD\nTOP, 3, 0.002\nTOP, 1, 0.001"]),
+    "anew in one step": (["*CLOAD\nTOP, 2, 0.001", "*CLOAD, OP=NEW\nTOP, 3, 0.001\n*CLOAD, OP=NEW\nTOP, 1, 0.002"], ["*CLOAD\nTOP, 3, 0.001\nTOP, 1, 0.002"]),
+    "anew in two steps": (["*CLOAD\nTOP, 2, 0.001", "*CLOAD, OP=NEW\nTOP, 3, 0.001", "*CLOAD, OP=NEW\nTOP, 1, 0.002"], ["*CLOAD\nTOP, 1, 0.002"]),
+    "weight off by a surface": ([PRESS + "\n" + grav(9810, 0, 0, -1), PRESS.replace("AD", "AD, OP=NEW")], [PRESS]),
+    "faces and surface anew": ([PRESS, "*DLOAD, OP=NEW\nE, P2, 0.006\n*DSLOAD, OP=NEW\nLID, P, 0.01"], ["*DSLOAD\nLID, P, 0.016"]),
+    "one component": (["*BOUNDARY\nTOP, 1, , 0.1"], ["*BOUNDARY\nTOP, 1, 1, 0.1"]),
+    "held again": (["*BOUNDARY\nTOP, 1, 1, 0.1", "*BOUNDARY\nTOP, 1"], ["*BOUNDARY\nTOP, 1, 1, 0."]),
     "moved anew": (["*BOUNDARY\nTOP, 3, 3, 0.1", "*BOUNDARY, OP=NEW\nBASE, 1, 3\nTOP, 1, 1, 0.2"], ["*BOUNDARY\nTOP, 1, 1, 0.2"]),
 }  # fmt: skip
 AMPLITUDES = {
@@ -148,6 +155,30 @@ def test_an_amplitude_has_its_pairs_line_by_line(tmp_path: File, require: Callab
     np.testing.assert_allclose(CalculiX().run(deck).u, CalculiX().run(text(PRESS)).u, rtol=1e-4)
 
 
+def test_what_two_surfaces_carry_is_told(tmp_path: File) -> None:
+    both = "*DSLOAD, AMPLITUDE=A\nLID, P, 0.01\n*DSLOAD, AMPLITUDE=B\nSIDE, P, 0.01"
+    tables = "*AMPLITUDE, NAME=A\n0., , 1., 1.\n*AMPLITUDE, NAME=B\n{}., 0., 1., 1."
+    for begin, apart in ((0, False), (-1, True)):  # a value left out is 0; other tables are other courses
+        told = read(tmp_path, text(both, amplitude=tables.format(begin))).remarks
+        assert any("not filled at one time" in remark for remark in told) == apart
+    again = read(tmp_path, text("*DSLOAD\nLID, P, 0.01\nSIDE, P, 0.01", PRESS))  # filled in the first step
+    assert again.pressures == (0.01, 0.01)
+    assert not again.remarks
+    twice = read(tmp_path, text("*DLOAD\nE, P2, 0.01\n" + PRESS)).remarks
+    assert twice == ("Pressures of dload_0.01 and lid add up where they act on one face.",)
+    assert not read(tmp_path, text("*DLOAD\nE, P2, 0.01", PRESS)).remarks  # replaced
+
+
+def test_new_loads_take_off_pressures_and_turns(tmp_path: File) -> None:
+    off = read(tmp_path, text("*DLOAD\nE, P2, 0.01", grav(9810, 0, 0, -1, keyword="*DLOAD, OP=NEW")))
+    assert off.pressures == (0.01, 0.0)
+    joint = "*RIGID BODY, PIN NSET=TOP, REF NODE=5\n*BOUNDARY\n5, 4, 6"
+    held = text(PRESS, "*BOUNDARY, OP=NEW\nBASE, 1, 3\n5, 4, 6", amplitude=joint)
+    assert read(tmp_path, held).case.equations
+    with pytest.raises(ValueError, match="its reference node 5 may turn"):
+        read(tmp_path, held.replace("BASE, 1, 3\n5, 4, 6\n*NODE", "BASE, 1, 3\n*NODE"))
+
+
 @pytest.mark.parametrize("parameters", ["N=1", "MODULI=LONG TERM", "N=1, POLYNOMIAL"])
 def test_a_law_without_its_name_is_the_polynomial(tmp_path: File, parameters: str) -> None:
     found = read(tmp_path, text(PRESS, material=law(f"{parameters}\n0.03, 0.015, 0.3"))).case.materials["e"]
@@ -178,6 +209,7 @@ def test_a_chamber_that_is_emptied_while_another_is_filled_is_refused(tmp_path: 
         ("0.01", "1.0-3", saying("1.0-3", "wanted finite numbers, such as")),
         ("*DSLOAD", "*DSLOAD, OP=OLD", saying("OP=OLD", "wanted OP=NEW")),
         ("1e-9", "1e-9\n*AMPLITUDE, NAME=B\n0., 0., 2., 1.\n1., 1.", "times that do not increase"),
+        ("1e-9", "1e-9\n*AMPLITUDE, NAME=B\n0., 0., 1., 1.\n1., 2.", "times that do not increase"),
         ("0.03, 0.015, 0.3", "0.03, 0.015, 0.3, 0, 0, 0, 0, 0, 7.", saying("9 constants on a line", "at most 8")),
         ("1, 2, 3, 4\n*NSET, NSET=TOP\n", "1, 2, 3, 4\n*NSET, NSET=TOP, GENERATE\n1, , 1\n", "an empty field"),
     ],
