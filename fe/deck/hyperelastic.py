@@ -101,7 +101,7 @@ def read_law(k: Keyword) -> Material:
     """The material of a *HYPERELASTIC. ValueError for a law that is not among FORMS."""
     if "TEST DATA INPUT" in k.parameters:
         raise k.error("*HYPERELASTIC from test data: wanted constants; let Abaqus print its fit")
-    c = [x for row in k.rows(8, "constants") for x in k.numbers(k.data[0][0], row)]
+    c = [x for line, row in k.rows(8, "constants") for x in k.numbers(line, row)]
     for form in FORMS:
         if form.fits(k.parameters):
             law, D = form.read(c, _order(k.parameters))

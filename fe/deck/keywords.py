@@ -46,13 +46,13 @@ class Keyword:
             raise self.error(f"{_shown(words)}: wanted finite numbers, such as 0.03 or 3e-2", place)
         return values
 
-    def rows(self, size: int, what: str) -> list[list[str]]:
-        """Fields of each data line, `size` of them: absent ones are empty. ValueError for more, which names
-        what they are."""
+    def rows(self, size: int, what: str) -> list[tuple[Place, list[str]]]:
+        """Place and fields of each data line, `size` of them: absent ones are empty. ValueError for more,
+        which names what they are."""
         for place, words in self.data:
             if any(words[size:]):
                 raise self.error(f"*{self.name}: {len(words)} {what} on a line; wanted at most {size}", place)
-        return [filled(words, *[""] * size) for _, words in self.data]
+        return [(place, filled(words, *[""] * size)) for place, words in self.data]
 
     def whole(self, place: Place, word: str, *, low: int = -LARGEST, high: int = LARGEST) -> int:
         """A word as a whole number from low to high."""

@@ -56,8 +56,9 @@ def amplitude(draft: Draft, k: Keyword) -> None:
     """*AMPLITUDE, a table of times and values: its value that is largest in size."""
     if k.parameters.get("DEFINITION", "TABULAR").upper() not in ("TABULAR", "SMOOTH STEP"):
         raise k.error(f"*AMPLITUDE, DEFINITION={k.parameters['DEFINITION']}: wanted a table of times, values")
-    pairs = [row[n : n + 2] for row in k.rows(8, "numbers") for n in range(0, 8, 2) if any(row[n : n + 2])]
-    table = [v for pair in pairs for v in k.numbers(k.place, pair)]
+    rows = k.rows(8, "numbers")
+    pairs = [(line, row[n : n + 2]) for line, row in rows for n in range(0, 8, 2) if any(row[n : n + 2])]
+    table = [v for line, pair in pairs for v in k.numbers(line, pair)]
     if any(b <= a for a, b in pairwise(table[::2])):
         raise k.error("*AMPLITUDE with times that do not increase: wanted time, value, time, value ..")
     peak = max(table[1::2], key=abs, default=0.0)

@@ -179,7 +179,7 @@ def test_new_loads_take_off_pressures_and_turns(tmp_path: File) -> None:
         read(tmp_path, held.replace("BASE, 1, 3\n5, 4, 6\n*NODE", "BASE, 1, 3\n*NODE"))
 
 
-@pytest.mark.parametrize("parameters", ["N=1", "MODULI=LONG TERM", "N=1, POLYNOMIAL"])
+@pytest.mark.parametrize("parameters", ["N=1", "MODULI=LONG TERM", "DEPENDENCIES=1", "N=1, POLYNOMIAL"])
 def test_a_law_without_its_name_is_the_polynomial(tmp_path: File, parameters: str) -> None:
     found = read(tmp_path, text(PRESS, material=law(f"{parameters}\n0.03, 0.015, 0.3"))).case.materials["e"]
     assert (found.C10, found.C01, found.bulk) == (0.03, 0.015, pytest.approx(2 / 0.3))
@@ -206,6 +206,8 @@ def test_a_chamber_that_is_emptied_while_another_is_filled_is_refused(tmp_path: 
     [
         ("1, 1, 2, 3, 4,", "1, 1, 2, , 4,", saying("line 11", "an empty field", "wanted a whole number")),
         ("0.01", "1_0", saying("1_0", "wanted finite numbers")),
+        (LAW, law("OGDEN, N=3\n0.03,2.,0.02,3.,0.01,-1.,0.3,\nO."), saying("line 25", "O.", "wanted finite numbers")),
+        ("1e-9", "1e-9\n*AMPLITUDE, NAME=B\n0., 0., 1., 1.\n2., O.", saying("line 28", "O.", "wanted finite numbers")),
         ("0.01", "1.0-3", saying("1.0-3", "wanted finite numbers, such as")),
         ("*DSLOAD", "*DSLOAD, OP=OLD", saying("OP=OLD", "wanted OP=NEW")),
         ("1e-9", "1e-9\n*AMPLITUDE, NAME=B\n0., 0., 2., 1.\n1., 1.", "times that do not increase"),
