@@ -45,12 +45,13 @@ def calibrate_camera(
     the camera is then that of the pictures left for right.
 
     Zhang's method, doi 10.1109/34.888718; of six lens models from none to k1 k2 p1 p2 k3 the one with the
-    lowest BIC. The camera's `notes` say what was chosen and checked, its `remarks`
-    what to do better. Raises ValueError when pictures are
-    missing or differ in size, when fewer than 6 show the board (says which other dictionary finds markers),
-    when the error is above max_rms_px, when the boards are not tilted against each other or cover less than
-    2 % of the picture, and when lengths on held-out boards are off by more than 0.1 %. Pictures that do not
-    fit the others are left out by the rule of `rejectedpictures`.
+    lowest BIC. The camera's `notes` say what was chosen and checked, its `remarks` what to do better.
+    Pictures that do not fit the others are left out by the rule of `rejectedpictures`.
+
+    Raises ValueError when pictures are missing or differ in size, or fewer than 6 show the board (it names
+    the other dictionary that finds markers). Also when the boards are not tilted against each other or cover
+    less than 2 % of the picture. Also when the error is above max_rms_px, or lengths on held-out boards are
+    off by more than 0.1 %.
     """
     if not images:
         raise ValueError(

@@ -71,8 +71,11 @@ class Rig:
 
 
 def project(parameters: Array, turn: Array, shift: Array, points: Array) -> tuple[Array, Array, Array]:
-    """Raw pixels (n,2) of points (n,3) posed in the rig's frame by a rotation vector and a shift, and
-    derivatives to the camera's parameters (2n,15) and to the pose (2n,6)."""
+    """Raw pixels (n,2) of points (n,3) mm, with their derivatives to the camera's parameters (2n,15) and to
+    the pose (2n,6).
+
+    The pose is a rotation vector (3,) rad and a shift (3,) mm into the rig's frame.
+    """
     after = cv2.composeRT(turn, shift, parameters[9:12], parameters[12:])
     composed = [np.asarray(part, dtype=np.float64) for part in after]
     fx, fy, cx, cy = parameters[:4]

@@ -37,10 +37,9 @@ def find_slips(time: Array, value: Array, turns: Array, sd: Array, marks: Sequen
     Without a slip a mark's place is a smooth function of where the other marks of the finger are: a
     polynomial of degree 5, 2 and 1 in their first three principal components. A slip adds a shift that from
     one frame on turns with the finger to the end. It is said when it exceeds 0.05 mm and 8 sd of one place
-    (the stated sd and what the polynomial leaves, summed in squares), when the frames next to it show half of
-    it, and so do the last ones. At least three marks must be seen in 80 % of the
-    frames. A mark that slips spoils what its neighbours are compared with: the one without which the others
-    agree best is the one that is named.
+    (the stated sd and what the polynomial leaves, summed in squares). The frames next to it, and the last
+    ones, must show half of it. At least three marks must be seen in 80 % of the frames. A mark that slips
+    spoils what its neighbours are compared with: the one without which the others agree best is named.
     """
     seen = np.isfinite(value[..., 0]).mean(axis=0) >= SEEN
     steady = [p for p, mark in enumerate(marks) if mark.role == "finger" and seen[p]]

@@ -34,9 +34,9 @@ class Quarters:
 def quarters(reference: Templates) -> Quarters:
     """The linear maps of reference patches, exact for small moves.
 
-    With design J (warp, contrast, brightness) and M_q = J_q'J_q of a quarter, whose residual r_q is left, the
-    fit without it differs by (J'J - M_q)^-1 J_q'r_q (Cook & Weisberg 1982, Residuals and Influence in
-    Regression), with the covariance (J'J - M_q)^-1 - (J'J)^-1.
+    J is the design (warp, contrast, brightness), M_q = J_q'J_q that of a quarter, and r_q its residual. The
+    fit without the quarter differs by (J'J - M_q)^-1 J_q'r_q, with the covariance (J'J - M_q)^-1 - (J'J)^-1
+    (Cook & Weisberg 1982, Residuals and Influence in Regression).
     """
     points = reference.grid.shape[1]
     information = np.linalg.inv(reference.covariance)
