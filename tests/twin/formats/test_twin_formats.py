@@ -645,6 +645,18 @@ def test_imported_motion_is_compared_with_the_log_as_a_film_is(tmp_path: Path, r
         assert any(re.search(wanted, sentence) for sentence in remarks)
 
 
+@pytest.mark.parametrize(("step", "rate", "told"), [(10, 1.0, False), (2, 1.25, True)])
+def test_rows_a_second_apart_cannot_tell_a_rate_from_a_lag(tmp_path: Path, step: int, rate: float, told: bool) -> None:
+    found = read_recorded(written(tmp_path / "a.csv", table_of(swung(), pressure=False)), "csv")
+    late = np.concatenate([np.repeat(found.position[:1], 10, axis=0), found.position[:-10]])  # by a second
+    found = replace(found, time=TIME[::step] / rate, position=late[::step], frame=found.frame[::step])
+    log = "".join(f"{t:.2f},{p:.4f}\n" for t in np.arange(-8.0, 24.0, 0.05) for p in [np.interp(t, TIME, PRESSURE)])
+    written(tmp_path / "log.csv", "time_s,p [kPa]\n" + log)
+    _, remarks = made(tmp_path, found, stated("csv", axes="x,y,z", sd_mm=0.02, log="log.csv", fps=None), tip=4401, middle=5848)
+    assert any("seems to run 0.80 times" in sentence for sentence in remarks) == told
+    assert told or remarks == []
+
+
 def test_a_height_that_became_the_width_is_told_with_the_axes_to_write(tmp_path: Path) -> None:
     text = table_of(swung()).replace("_z_mm", "_y_mm")
     found = read_recorded(written(tmp_path / "a.csv", text), "csv")

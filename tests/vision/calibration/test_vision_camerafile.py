@@ -149,6 +149,7 @@ def test_kalibr_and_anipose(tmp_path: Path) -> None:
         (ROS.replace("camera_name: side", "xi: 0.8"), "yaml", "xi = '0.8'"),
         (ROS.replace("camera_name: side", "type: fisheye"), "yaml", "type = 'fisheye'"),
         (ANIPOSE.replace("fisheye = false", "fisheye = true"), "toml", "fisheye = 'True'"),
+        ("fisheye = true\n" + ANIPOSE.replace("fisheye = false\n", ""), "toml", "fisheye = 'True'"),
         (KALIBR.replace("radtan", "equidistant"), "yaml", "distortion_model = 'equidistant'"),
         (KALIBR.replace("pinhole", "omni"), "yaml", "camera_model = 'omni'"),
     ],

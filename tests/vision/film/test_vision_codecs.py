@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tests.messages import saying
 from vision import Video
-from vision.film.series import open_film
+from vision.film.series import open_film, read_picture
 
 Image = NDArray[np.uint8]
 STAMPS = [0, 40, 80, 130, 160, 200, 260, 280, 320, 360, 400, 440]  # ms, not even
@@ -228,9 +228,13 @@ def test_pictures_that_are_no_film(tmp_path: Path) -> None:
         (["0.35", "0.4", "0.4501", "0.5", "0.55"], 20.0, [0, 0.05, 0.1001, 0.15, 0.2]),  # s
         (["1732650014.0031", "1732650014.1000012", "1732650014.2035", "1732650014.3"], 10.0, [0, 0.0969012, 0.2004, 0.2969]),
         (["173265001", "173265052", "173265099", "173265151"], 20.0, [0, 0.051, 0.098, 0.15]),  # ms
+        (["1000017", "1051000", "1098000"], 20.0, [0, 0.050983, 0.097983]),  # us
+        (["1000000017", "1051000000", "1098000000"], 20.0, [0, 0.050999983, 0.097999983]),  # ns
+        (["0.8", "1.9", "3.10"], 0.9, [0, 1.1, 2.3]),  # s, with digits that seem to count
         (["000", "020", "040", "080"], 20.0, [0, 1, 2, 4]),  # every 20th, one missing
+        (["000", "002", "005", "007"], 20.0, [0, 0.1, 0.25, 0.35]),  # some missing
         (["1.0001", "1.0002", "1.0003"], 20.0, [0, 0.05, 0.1]),  # counted behind a point
-        (["0001-3", "0002-17", "0003-20", "0004-20"], 20.0, [0, 0.05, 0.1, 0.15]),
+        (["0001-3", "0002-17", "0003-20", "0005-20"], 20.0, [0, 0.05, 0.1, 0.15]),  # several: order alone
     ],
 )  # fmt: skip
 def test_numbers_in_names_are_order_and_times(
@@ -251,6 +255,7 @@ def test_numbers_in_names_are_order_and_times(
         (["1", "2", "-3"], "names of two forms"),
         (["000", "050", "100"], "go up by 50, which may be time stamps in ms or count pictures at fps = 20"),
         (["1000", "1130", "1255"], "neither count pictures nor are time stamps at fps = 20"),
+        (["1.13", "2.2", "3.4"], "neither count pictures nor are time stamps at fps = 20"),
     ],
 )
 def test_numbers_that_say_no_order_or_no_time_are_refused(
@@ -270,9 +275,12 @@ def test_what_systems_leave_beside_pictures_is_passed_over(tmp_path: Path) -> No
     for name in (".DS_Store", "Thumbs.db", "._frame1.png"):
         (folder / name).write_bytes(b"x")
     assert len(open_film(folder, fps=10.0).time) == 2
+    (folder / "frame1.png").rename(folder / "frame3.jpg")
+    with pytest.raises(ValueError, match="names of two forms"):
+        open_film(folder, fps=10.0)
 
 
-@pytest.mark.parametrize(("bits", "left"), [(10, 0), (12, 0), (14, 0), (16, 0), (12, 4)])
+@pytest.mark.parametrize(("bits", "left"), [(8, 0), (10, 0), (12, 0), (14, 0), (16, 0), (12, 4)])
 def test_pictures_of_more_bits_keep_their_grey_levels(bits: int, left: int, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
@@ -283,7 +291,8 @@ def test_pictures_of_more_bits_keep_their_grey_levels(bits: int, left: int, tmp_
     shown = [grey for *_, grey in film.frames()]
     np.testing.assert_array_equal(shown[2], picture(2))
     assert shown[0].max() == 50
-    assert any(f"{bits} bits" in sentence for sentence in film.issues) == (bits + left < 16)
+    assert any(f"{bits} bits" in sentence for sentence in film.issues) == (8 < bits + left < 16)
+    assert read_picture(folder / "f2.png", 8).max() == (200 if bits == 8 else 255)  # brighter than any looked at
 
 
 def test_stacks_and_other_numbers_are_no_pictures_of_a_film(tmp_path: Path) -> None:
