@@ -272,11 +272,10 @@ EXPLAINED = 0.5  # share of the motion's mean square that any model of the finge
 
 def fit_fault(targets: Targets, residual: Array) -> str:
     """Fault where the best constants of the model leave residuals (s, p, 3) mm as large as the motion."""
-    used = targets.valid & ~targets.fixed[:, None] & ~targets.held_out[:, None, None]
-    moved, misfit = (float(np.sqrt((x[used] ** 2).mean())) for x in (targets.value, residual))
+    moved, misfit = targets.rms(targets.value), targets.rms(residual)
     if misfit**2 <= (1 - EXPLAINED) * moved**2:
         return ""
-    s, p, i = np.unravel_index(int(np.where(used, np.abs(residual), 0.0).argmax()), residual.shape)
+    s, p, i = np.unravel_index(int(np.where(targets.used, np.abs(residual), 0.0).argmax()), residual.shape)
     measured, model = targets.value[s, p, i], targets.value[s, p, i] - residual[s, p, i]
     return (
         f"the best constants leave {misfit:.3g} mm rms of a motion of {moved:.3g} mm rms: these are not the "

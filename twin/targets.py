@@ -246,6 +246,15 @@ class Targets:
         """Mask (p,) of the fixed markers."""
         return self.of_kind(PointKind.FIXED)
 
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Flags (s, p, 3) of the values that fits use: data of the finger in films that are not held out."""
+        return self.valid & ~self.fixed[:, None] & ~self.held_out[:, None, None]
+
+    def rms(self, field: Array) -> float:
+        """Root mean square of a field (s, p, 3) over the values that fits use."""
+        return float(np.sqrt((field[self.used] ** 2).mean()))
+
     def of_kind(self, kind: PointKind) -> NDArray[np.bool_]:
         """Mask (p,) of the points of a kind."""
         return np.array([point.kind is kind for point in self.points], dtype=bool)

@@ -244,8 +244,7 @@ def _misfit(problem: CalibrationProblem, model: Any, theta: Array) -> float:
         u = model.predict(theta)
     except Unsolvable:
         return float("inf")
-    residual = (problem.targets.value - u)[problem.targets.valid]
-    return float(np.sqrt(np.mean(residual**2)))
+    return problem.targets.rms(problem.targets.value - u)
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,10 +53,8 @@ class Part:
     def of(name: str, mask: NDArray[np.bool_], targets: Targets, errors: ModelErrors) -> "Part":
         """The part of a mask (s, p, 3). ValueError where it has too few values to be fitted."""
         targets_of = replace(targets, valid=targets.valid & mask, curves=())
-        data = targets_of.valid & ~targets_of.held_out[:, None, None] & ~targets_of.fixed[None, :, None]
-        if data.sum() < FEWEST:
-            raise ValueError(f"--objectives {name}: {int(data.sum())} values of it are fitted; wanted "
-                             f"{FEWEST} or more")  # fmt: skip
+        if (count := int(targets_of.used.sum())) < FEWEST:
+            raise ValueError(f"--objectives {name}: {count} values of it are fitted; wanted {FEWEST} or more")
         return Part(name, targets_of, errors.whitener(targets_of))
 
     def chi2(self, u: Array) -> float:

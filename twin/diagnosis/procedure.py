@@ -131,16 +131,12 @@ def _astray(model: Model, targets: Targets, start: Array | Fit) -> str:
     nominal constants leave, and by more than ASTRAY of the motion; "" where it may be one."""
     if not isinstance(start, Fit) or any(p.start is None for p in model.parameters):
         return ""
-    used = targets.valid & ~targets.fixed[:, None] & ~targets.held_out[:, None, None]
-
-    def rms(field: Array) -> float:
-        return float(np.sqrt((field[used] ** 2).mean()))
-
-    moved, missed = rms(targets.value), rms(targets.value - model.predict(start.theta))
+    moved, missed = (targets.rms(x) for x in (targets.value, targets.value - model.predict(start.theta)))
     if missed <= ASTRAY * moved:
         return ""
     try:
-        nominal = rms(targets.value - model.predict(np.array([p.start for p in model.parameters], float)))
+        constants = np.array([p.start for p in model.parameters], float)
+        nominal = targets.rms(targets.value - model.predict(constants))
     except Unsolvable:
         return ""
     if missed <= WORSE * nominal:

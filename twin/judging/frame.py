@@ -67,9 +67,8 @@ def frame_test(targets: Targets) -> FrameTest:
 
 def _noise_of_finger(targets: Targets, w: Whitener) -> float:
     """Root mean variance in mm of the finger's own markers, of the fixed ones where there are none."""
-    seen = targets.valid & ~targets.fixed[:, None] & ~targets.held_out[:, None, None]
-    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[seen]
-    return float(np.sqrt(variance.mean())) if seen.any() else w.noise_sd
+    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[targets.used]
+    return float(np.sqrt(variance.mean())) if variance.size else w.noise_sd
 
 
 def _untested(why: str) -> FrameTest:
