@@ -27,7 +27,7 @@ from twin.effects.standins import stand_ins
 from twin.experiments.benchchecks import in_words as checks_in_words
 from twin.experiments.benchchecks import witnesses
 from twin.experiments.choice import Member, in_words, next_experiments
-from twin.judging.fitting import unresolved
+from twin.judging.fitting import noise_of, unresolved
 from twin.judging.frame import frame_test
 from twin.judging.judged import Judged, judge
 from twin.model.prediction import Model
@@ -74,7 +74,7 @@ def diagnose(
     untried = [*task.silent, *(h for h in rows if h.note == LATE)]
     diagnosis = _completed(diagnosis, base, signatures, untried, targets, plan=plan)
     basis = targets.noise.basis if targets.noise else ""
-    sentences = [diagnosis.sentence, basis, _mesh(model, base.whitener.noise_sd)]
+    sentences = [diagnosis.sentence, basis, _mesh(model, noise_of(targets, base.errors.gauge))]
     return replace(diagnosis, frame=frame, sentence=" ".join(filter(None, sentences)))
 
 

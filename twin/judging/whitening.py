@@ -24,6 +24,7 @@ from twin.targets import Array, Targets
 LAW = "law:"  # and an effect: the name of a mode that is an error of its law
 OWN = "gauge:reference"  # the name of a mode that belongs to one film alone
 
+
 @dataclass(frozen=True)
 class Expected:
     """The error in mm of a right model: its root mean square, and the ends of its 95 % band."""
@@ -40,10 +41,9 @@ UNKNOWN = Expected(float("nan"), float("nan"), float("nan"))
 class Whitener:
     """The linear map W of residuals in mm to independent values of variance 1, from noise and shared modes.
 
-    The covariance is N + sum of m m' over the modes m, with N of the noise filter. Innovations y = F r have
-    unit covariance without the modes; with G = F m (k, n) it is I + G'G, which `rewhitened` takes off along
-    its principal directions (symmetric inverse root, Kessy, Lewin & Strimmer 2018, doi
-    10.1080/00031305.2016.1277159).
+    The covariance is N + sum of m m' over the modes m, with N of the noise filter. Without modes, innovations
+    y = F r have unit covariance. With modes it is I + G'G, where G = F m (k, n). `rewhitened` multiplies by
+    the symmetric inverse root of that (Kessy, Lewin & Strimmer 2018, doi 10.1080/00031305.2016.1277159).
 
     Two steps of a value with noise of sd 1 and a shared error of 1 sd, covariance [[2, 1], [1, 2]]:
 
