@@ -6,12 +6,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from calibrate import Fit
+from tests.messages import says
 from tests.twin.diagnosis.toy import STEPS, Toy, pressure, smooth_field, targets, toy_effect
 from twin.diagnosis import procedure
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
-from twin.diagnosis.procedure import diagnose
+from twin.diagnosis.procedure import _astray, diagnose
 from twin.diagnosis.wording import unrefitted
 from twin.effects.labels import KINDS
 from twin.effects.library import all_effects
@@ -52,6 +54,23 @@ def test_a_hidden_effect_is_named_alone(name: str) -> None:
     data = plain(DiagnosisRecord.of(found))
     assert data["rms_after_mm"] < 1.1 * data["noise_sd_mm"] < data["rms_before_mm"]
     assert set(data) == set(DiagnosisRecord.model_fields)
+
+
+@pytest.mark.parametrize(("truth", "times", "refused"), [(1.3, 1.3, True), (1.3, 1.1, False), (1.03, 1.5, False)])
+def test_a_base_fit_that_misses_by_more_than_nominal_constants_is_no_model(truth: float, times: float, refused: bool) -> None:
+    """The nominal constant is 1. Of the last, the fit misses by 4.4 % of the motion: below 5 % none is refused."""
+    model, t = Toy({"base": BASE}), targets(truth * BASE[0], seed=0, sd=1e-6)
+    theta = np.array([truth - times * (truth - 1.0)])
+    fit = Fit(
+        parameters=model.parameters, theta=theta, covariance=np.eye(1), chi2=1.0, degrees_of_freedom=1, seed=0,
+        evaluations=1, converged=True, reason="", at_bound=(),
+    )  # fmt: skip
+    why = _astray(model, t, fit)  # type: ignore[arg-type]
+    assert bool(why) is refused
+    if refused:
+        says(why, f"{times * (truth - 1) * t.rms(BASE[0]):.3g} mm", f"{(truth - 1) * t.rms(BASE[0]):.3g} mm", "--starts 10")
+        found = diagnose(model, EFFECTS, t, seed=0, start=fit, beside=(), plan=False)  # type: ignore[arg-type]
+        assert found.verdict == f"cannot test: {why}"
 
 
 def test_a_last_step_that_cannot_be_solved_leaves_the_refit(monkeypatch: pytest.MonkeyPatch) -> None:
