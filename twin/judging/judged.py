@@ -106,6 +106,8 @@ def judge_base(
     kept. Where it does not, and asks shared errors to be more than is stated of them, it has paid for what is
     missing with errors of the measurement, and with constants: then the first is kept, judged without its
     discrepancy, unless its error is larger.
+
+    The commands `calibrate` and `diagnose` do not use it yet, as the time that it takes was not measured.
     """
     task = _Task(model, targets, seed, 25, 0.1, TURNS, DISCREPANCY, motion=True)
     first = task.ended(starts)

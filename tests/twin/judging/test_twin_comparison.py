@@ -12,8 +12,8 @@ from calibrate.parameters import Parameter
 from fe import Path
 from twin import virtual
 from twin.files import plain
-from twin.judging.comparison import BRANCHES, Comparison, branches, compare
-from twin.judging.fitrecord import MapRow
+from twin.judging.comparison import BRANCHES, Comparison, branches, compare, noise_in_words
+from twin.judging.fitrecord import FitTest, MapRow
 from twin.judging.sharederrors import in_words, subject
 from twin.judging.whitening import whitener
 from twin.targets import Array, Targets
@@ -65,6 +65,54 @@ def test_noise_alone_is_adequate_at_the_stated_rate(course: Path, draws: int) ->
     assert p.min() < 0.3  # the test is not asleep
     # rms over noise: 1 within the spread of noise estimates and cleaned modes
     assert np.mean([c.rms_mm / c.noise_sd_mm for c in found]) == pytest.approx(1.0, abs=0.05)
+
+
+def test_every_test_of_noise_alone_has_a_chi2_of_its_degrees_of_freedom(course: Path) -> None:
+    found = [{t.name: t for t in judged(draw(course, seed)).tests} for seed in range(20)]
+    assert all(set(tests) == {"all", "pressure", "picture", "smooth"} for tests in found)
+    for tests in found:
+        assert tests["pressure"].chi2 + tests["picture"].chi2 == pytest.approx(tests["all"].chi2)  # type: ignore[operator]
+    for name, count in (("all", 20 * 428), ("pressure", 20 * 40), ("picture", 20 * 388), ("smooth", 20 * 58)):
+        chi2 = np.array([(t[name].chi2, t[name].degrees_of_freedom) for t in found], float).sum(axis=0)
+        assert chi2[1] == pytest.approx(count)
+        # three sds, and 4 % for a noise from 300 frames, of which the inverse is taken to be 3 % too large
+        assert chi2[0] / chi2[1] == pytest.approx(1.0, abs=3 * np.sqrt(2 / count) + 0.04), name
+
+
+def row(ratio: float, count: int = 99) -> MapRow:
+    return MapRow(name=f"{ratio} {count}", count=count, rms_mm=0.01 * ratio, noise_sd_mm=0.01, ratio=ratio)
+
+
+EVEN = (row(2.0), row(2.5), row(9.0, count=49))  # the last one has too few values to count
+SMALL, LARGE = "stated noise is too small, by a factor of 2.0", "noise of the picture is stated"
+
+
+@pytest.mark.parametrize(
+    ("ratio", "count", "p", "smooth", "rows", "said"),
+    [
+        (4.0, 100, 1e-9, 1.0, EVEN, SMALL),
+        (4.0, 99, 1e-9, 1.0, EVEN, ""),  # too few values
+        (4.0, 100, 2e-3, 1.0, EVEN, ""),  # adequate
+        (4.0, 100, 1e-9, 7.9, EVEN, SMALL),
+        (4.0, 100, 1e-9, 8.1, EVEN, ""),  # slow: a missing effect is
+        (4.0, 100, 1e-9, 1.0, (row(2.0), row(2.61)), ""),  # it has a place
+        (4.0, 100, 1e-9, 1.0, (row(0.9), row(1.1)), ""),  # within the noise
+        (4.0, 100, 1e-9, 1.0, (row(9.0, count=49),), ""),
+        (0.69, 100, 1.0, 1.0, EVEN, LARGE),
+        (0.71, 100, 1.0, 1.0, EVEN, ""),
+        (0.69, 99, 1.0, 1.0, EVEN, ""),
+    ],
+)  # fmt: skip
+def test_noise_is_called_misstated_where_nothing_else_is_wrong(
+    ratio: float, count: int, p: float, smooth: float, rows: tuple[MapRow, ...], said: str
+) -> None:
+    tests = (
+        FitTest(name="picture", chi2=ratio * count, degrees_of_freedom=count, p_value=p),
+        FitTest(name="smooth", chi2=smooth * 50, degrees_of_freedom=50, p_value=p),
+    )
+    found = noise_in_words(tests, {"marker": rows})
+    assert said in found
+    assert bool(found) is bool(said)
 
 
 def test_a_smooth_misfit_is_seen_and_placed(course: Path) -> None:
