@@ -14,7 +14,7 @@ from pydantic import Field
 
 from calibrate import Parameter
 from twin.effects.protocol import Effect
-from twin.judging.comparison import BRANCHES, PLAUSIBLE, branches
+from twin.judging.comparison import BRANCHES, PLAUSIBLE, branches, right_in_words
 from twin.judging.fitrecord import Estimate
 from twin.judging.heldout import HeldOut, held_out
 from twin.judging.intervals import estimates
@@ -203,15 +203,11 @@ def plausibility(parameter: Parameter, value: float) -> str:
 def table(e: EvidenceRecord) -> list[str]:
     """The evidence as lines of a terminal: numbers, then a row a marker and a column a branch."""
     out = [f"{e.effect}: {e.sentence}."]
-    right = ""
-    if e.expected_low_mm is not None and e.expected_high_mm is not None:
-        right = (
-            f" A right model would miss it by {e.expected_low_mm:.3f} to {e.expected_high_mm:.3f} mm (95 %)."
-        )
-    out.append(
-        f"Without it the model misses the film by {e.raw_rms_before_mm:.3f} mm.{right} With {e.effect} it "
-        f"misses it by {e.raw_rms_after_mm:.3f} mm."
-    )
+    errors = (
+        f"Without it the model misses the film by {e.raw_rms_before_mm:.3f} mm.", right_in_words(e),
+        f"With {e.effect} it misses it by {e.raw_rms_after_mm:.3f} mm.",
+    )  # fmt: skip
+    out.append(" ".join(filter(None, errors)))
     bayes = "" if e.evidence is None else f", 2 ln B = {e.evidence:.0f}"
     out.append(
         f"chi2: {e.chi2_before:.0f} without, {e.chi2_after:.0f} with {e.more_parameters} more "

@@ -153,8 +153,11 @@ def ranked(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
     >>> [e.experiment for e in ranked(rows)]
     ['weigh', 'hold']
     """
-    by_use = [(e.sigmas < APART, e.minutes * (e.sigmas >= APART), -e.sigmas) for e in experiments]
-    return tuple(experiments[k] for k in sorted(range(len(by_use)), key=by_use.__getitem__))
+
+    def use(e: Experiment) -> tuple[bool, float, float]:
+        return e.sigmas < APART, e.minutes * (e.sigmas >= APART), -e.sigmas
+
+    return tuple(sorted(experiments, key=use))
 
 
 def in_words(rows: Sequence[Experiment]) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -280,7 +281,17 @@ def error_in_words(found: Comparison | ComparisonRecord) -> str:
     return f"The model misses the film by {found.raw_rms_mm:.3f} mm. {right_in_words(found)}".strip()
 
 
-def right_in_words(found: Comparison | ComparisonRecord | UnseenFilm) -> str:
+class Banded(Protocol):
+    """A record with the 95 % band of the error of a right model in mm; None where it is not known."""
+
+    @property
+    def expected_low_mm(self) -> float | None: ...
+
+    @property
+    def expected_high_mm(self) -> float | None: ...
+
+
+def right_in_words(found: Banded) -> str:
     """The 95 % band of the error of a right model, in words; "" of a comparison of an older version."""
     if found.expected_low_mm is None or found.expected_high_mm is None or np.isnan(found.expected_low_mm):
         return ""

@@ -6,6 +6,7 @@ from typing import Any
 from twin.chain import STAGES, When
 from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.wording import capital
+from twin.judging.comparison import right_in_words
 from twin.report.story import Story
 
 FILMED = ("camera", "measure")  # stages of a project with a film
@@ -41,7 +42,7 @@ def opening(story: Story) -> list[str]:
     d, last, (before, _) = story.diagnosis, story.diagnosis.next_test, story.unmended
     if before is None or d.raw_rms_before_mm is None:
         return []
-    clauses = [f"The model misses the film by {before:.3f} mm.", _right(d)]
+    clauses = [f"The model misses the film by {before:.3f} mm.", right_in_words(d)]
     if story.added is not None:
         clauses.append(f"{capital(story.labels[1])} it misses it by {story.added.raw_rms_mm:.3f} mm.")
     sentences = [" ".join(filter(None, clauses))]
@@ -100,13 +101,6 @@ def _band(d: DiagnosisRecord) -> str:
     if d.expected_low_mm is None or d.expected_high_mm is None:
         return "of a right model"
     return f"of a right model; 95 %: {d.expected_low_mm:.3f} to {d.expected_high_mm:.3f} mm"
-
-
-def _right(d: DiagnosisRecord) -> str:
-    """The same as a sentence; "" where it is not known."""
-    if d.expected_low_mm is None or d.expected_high_mm is None:
-        return ""
-    return f"A right model would miss it by {d.expected_low_mm:.3f} to {d.expected_high_mm:.3f} mm (95 %)."
 
 
 def _small(sentence: str) -> str:
