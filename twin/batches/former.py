@@ -1,7 +1,4 @@
-"""A further batch on the rig of a former one: its former batch, and a test of the camera.
-
-a project made from the former, and whether its camera still fits.
-"""
+"""A further batch on the rig of a former one: its former batch, and a test of the camera."""
 
 from collections.abc import Mapping
 from pathlib import Path

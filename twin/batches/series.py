@@ -1,7 +1,4 @@
-"""Constants of a batch beside the constants of earlier batches, for the report.
-
-what the report says of the series.
-"""
+"""Constants of a batch beside the constants of earlier batches, for the report."""
 
 from pathlib import Path
 from typing import Any

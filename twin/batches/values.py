@@ -1,7 +1,5 @@
 """Comparable quantities of two batches: the constants' sum and share, and the effects, each with its sd.
 
-the constants' sum and share, and the effects, each with its sd.
-
 C10 and C01 trade off within one fit, so a difference in one of them says little. Their sum and the share of
 C01 are nearly uncorrelated: they are compared in their place.
 """
