@@ -212,7 +212,7 @@ def read(model: type[Model], path: Path) -> Model:
 def read_npz(path: Path, *required: str) -> dict[str, NDArray[Any]]:
     """The named arrays of a file: numbers of 8 bytes at most, booleans and text. The one reader of arrays.
 
-    ValueError names the file where it is damaged or too large, or an array of `wanted` is not in it.
+    ValueError names the file where it is damaged or too large, or an array of `required` is not in it.
     """
     data = read_bytes(path, most=MOST_BYTES)
     try:

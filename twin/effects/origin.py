@@ -29,6 +29,7 @@ class Origin:
 def _run(origin: Origin) -> ModuleType:
     # the name is of the text, so that two projects in one process do not meet
     name = f"effect_file_{sha256(f'{origin.path} {origin.text}'.encode()).hexdigest()[:16]}"
+    sys.dont_write_bytecode = True  # what it imports is trusted by digests: no file may join it
     module = ModuleType(name)
     module.__file__ = origin.path
     lines = origin.text.splitlines(keepends=True)

@@ -282,6 +282,23 @@ def test_what_a_program_imports_from_the_folder_is_trusted_with_it(folder: Path,
         own_of(Project.open(folder))
 
 
+def test_a_trusted_program_that_has_run_is_still_trusted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python would write __pycache__ into the package that it imports."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    monkeypatch.syspath_prepend(folder / "effects")
+    with_program(folder)
+    (folder / "effects" / "fanparts").mkdir()
+    (folder / "effects" / "fanparts" / "__init__.py").write_text("SIZE = 1\n")
+    path = folder / "effects" / "fan.py"
+    path.write_text(path.read_text() + "import fanparts\n")
+    run("trust", "-p", folder)
+    before = Project.open(folder).effect_files()
+    own_of(Project.open(folder))
+    assert "fanparts" in sys.modules
+    own_of(Project.open(folder))
+    assert Project.open(folder).effect_files() == before
+
+
 WORKERS = """
 from twin.executors.local import Processes
 from twin.drawing.deformed import can_draw
