@@ -32,7 +32,7 @@ def camera_kept(project: Project) -> str:
     """
     try:
         former = former_of(project)
-    except ValueError as error:  # the new batch alone was moved: what is done of it holds
+    except files.UNREADABLE as error:  # the new batch alone was moved: what is done of it holds
         return f"Whether the former batch's camera still fits cannot be checked: {error}."
     cameras = project.config.cameras
     if former is None or not cameras or not _same_camera(project, former):

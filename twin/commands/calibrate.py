@@ -120,14 +120,15 @@ def _former_values(
 ) -> dict[str, float]:
     """Parameters of the effects by the newest fit with them, of this project or of its former batch; empty
     without such a fit. law: names of the constants of the base model."""
-    try:
-        former = former_of(project)
-    except ValueError:  # it is gone: a fit begins elsewhere
-        former = None
-    for candidate in filter(None, (project, former) if effects else ()):
-        if (fit := former_fit(candidate, effects)) is not None:
-            return {name: row.value for name, row in fit.parameters.items() if name not in law}
-    return {}
+    if not effects:
+        return {}
+    if (fit := former_fit(project, effects)) is None:
+        try:
+            former = former_of(project)
+            fit = None if former is None else former_fit(former, effects)
+        except files.UNREADABLE:  # it is gone, or broken: a fit begins elsewhere
+            return {}
+    return {} if fit is None else {n: row.value for n, row in fit.parameters.items() if n not in law}
 
 
 def _ended(fit: Fit) -> str:

@@ -165,7 +165,7 @@ def _changed(
         if former is None:
             return None, ()
         then = files.read(FitRecord, fit_file(former))
-    except ValueError as error:
+    except files.UNREADABLE as error:
         say(f"Not compared with {project.config.project.like}: {error}.")
         return project.config.project.like, ()
     changes = changes_of(values_of(then), values_of(record))

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from twin import files
 from twin.batches.order import Opened, batches_in, holds_batches
 from twin.commands import recalibrate
 from twin.executors.local import Processes, Serial, current
@@ -63,7 +64,7 @@ def _groups(batches: list[Path], opened: Opened) -> Iterator[list[Path]]:
     for batch in batches:
         try:
             project = opened(batch)
-        except (ValueError, OSError):
+        except files.UNREADABLE:
             continue
         former = project.config.project.like
         like[batch] = project.path(former).resolve() if former else None

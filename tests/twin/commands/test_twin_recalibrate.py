@@ -22,6 +22,7 @@ from twin.batches.series import earlier_facts
 from twin.batches.values import SHARE, SUM, changes_of, values_of
 from twin.commands import recalibrateall
 from twin.commands.batches import run_batches
+from twin.commands.calibrate import _former_values
 from twin.commands.comparetwo import run_side_by_side
 from twin.commands.initlike import run_init_like
 from twin.commands.recalibrate import run_recalibrate
@@ -467,7 +468,8 @@ def test_too_few_batches_are_listed_and_not_tested(batch, stages, say, tmp_path)
 @pytest.mark.parametrize(
     ("broken", "how"),
     [("twin.toml", "sparse"), ("twin.toml", "folder"), ("runs/0004-add/fit.json", "folder"),
-     ("runs/0004-add/fit.json", "bytes"), ("runs/0001-calibrate/run.json", "fifo"), ("runs/0004-add/run.json", "link")],
+     ("runs/0004-add/fit.json", "bytes"), ("runs/0001-calibrate/run.json", "fifo"), ("runs/0004-add/run.json", "link"),
+     ("runs/0004-add/run.json", "folder")],
 )  # fmt: skip
 def test_a_broken_neighbour_is_a_row_and_stops_nobody(batch, stages, say, tmp_path, broken, how):
     for name in ("a0", "a1"):
@@ -491,6 +493,11 @@ def test_a_broken_neighbour_is_a_row_and_stops_nobody(batch, stages, say, tmp_pa
     told = [line for line in say.lines[before:] if line.startswith("a0: ")]
     assert len(told) == 1
     assert "a0" in told[0][4:] or "no fit" in told[0]  # its file, or that without it there is no fit
+    like = tmp_path / "a1" / "twin.toml"
+    like.write_text(with_key(like.read_text(), "project", "like", "../a0"))
+    assert run_recalibrate(Project.open(tmp_path / "a1"), say)["like"] in ("a0", "../a0")
+    assert _former_values(Project.open(tmp_path / "a1"), ("lost",), ()) == {}
+    assert list(recalibrateall._groups([tmp_path / "a0", tmp_path / "a1"], Project.open))[-1][-1].name == "a1"
 
 
 def test_a_folder_without_batches_is_refused(say, tmp_path):
