@@ -66,7 +66,8 @@ def _from_file(name: str) -> cv2.aruco.Dictionary:
     if not Path(name).exists():
         raise ValueError(f"marker dictionary {name} does not exist: give the path of an OpenCV YAML file")
     tree = read_opencv(Path(name), what="marker dictionary")
-    count, side, corrected = (tree.get(key) for key in ("nmarkers", "markersize", "maxCorrectionBits"))
+    count, side = (tree.get(key) for key in ("nmarkers", "markersize"))
+    corrected = tree.get("maxCorrectionBits", 0)  # as OpenCV reads a file without it
     for key, value, low, high in (("nmarkers", count, 1, 100_000), ("markersize", side, 3, 16)):
         if not isinstance(value, int) or not low <= value <= high:
             raise ValueError(

@@ -85,7 +85,7 @@ def test_the_examples_of_the_page_run_as_they_stand(batch: Path, coarsest: Built
     assert "Next: `twin calibrate`." in printed
     assert found["constants"].loc["C10", "value"] == pytest.approx(C10, rel=0.01)  # type: ignore[attr-defined]  # it stops within a part of its sd
     assert found["constants"].loc["C10", "unit"] == "MPa"  # type: ignore[attr-defined]
-    assert found["measured"].shape == (6, 11)  # type: ignore[attr-defined]
+    assert found["measured"].shape == (6, 12)  # type: ignore[attr-defined]
     assert found["predicted"].shape == (3, 2, 3)  # type: ignore[attr-defined]
     np.testing.assert_allclose(found["predicted"][..., 2], found["batch"].targets.value[..., 2], atol=0.02)  # type: ignore[index,attr-defined]
     shown, error = found["shown"], found["shown"].error  # type: ignore[attr-defined]

@@ -78,6 +78,14 @@ def test_own_dictionary_from_a_file(tmp_path: Path) -> None:
     assert not len(locate(picture, dictionary="DICT_5X5_50").ids)
 
 
+def test_a_dictionary_file_without_its_corrections_corrects_none(tmp_path: Path) -> None:
+    path = tmp_path / "own.yml"
+    path.write_text('%YAML:1.0\nnmarkers: 1\nmarkersize: 3\nmarker_0: "101110001"\n')
+    read = cv2.aruco.Dictionary()
+    assert read.readDictionary(cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ).root())
+    assert dictionary_of(str(path)).maxCorrectionBits == read.maxCorrectionBits == 0
+
+
 def test_bad_dictionary_files(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"absent\.yml does not exist"):
         dictionary_of(str(tmp_path / "absent.yml"))
