@@ -1,11 +1,11 @@
 """Fits of a residual function: genetic search, least squares, statistics of noise that was itself measured.
 
 Knows no mechanics and no images. Read `parameters` (what varies, what a fit is), then `fit` (least squares),
-`genetic` (the search before it) and `statistics` (tests, criteria). `priors` adds prior knowledge, `robust`
-limits the influence of gross errors, `starts` repeats a fit from many starts. The accuracy of a fit:
-`profiles` (profile likelihood), `posteriors` (Markov chain Monte Carlo), `fronts` (Pareto fronts of several
-misfits) and `randomeffects` (differences between several fits). Operators are arguments: crossover and
-mutation of a `Population`, moves of a sampler, refit and guess of a profile.
+`genetic` (the search before it, and Pareto fronts of several misfits) and `statistics` (tests, criteria).
+`priors` adds prior knowledge, `robust` limits the influence of gross errors, `starts` repeats a fit from many
+starts. The accuracy of a fit: `profiles` (profile likelihood), `posteriors` (Markov chain Monte Carlo) and
+`randomeffects` (differences between several fits). Operators are arguments: crossover and mutation of a
+`Population`, moves of a sampler, refit and guess of a profile.
 """
 
 from calibrate.fit import least_squares

@@ -9,7 +9,7 @@ import numpy as np
 
 from fe import Finger, Lattice, Material, Path, Variation, finger_case, solve
 from fe.kernel.selfcontact import SelfFaces
-from fe.mesh.skin import closing
+from fe.mesh.inner import closing
 from vision.following.registration import NO_LENS, local_grid, patches, register, templates
 
 

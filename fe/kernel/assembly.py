@@ -30,8 +30,7 @@ from fe.kernel.compiled import (
     PointTangents,
     Tangent,
 )
-from fe.kernel.matrix import Symmetric
-from fe.kernel.pattern import Pattern, Places
+from fe.kernel.matrix import Pattern, Places, Symmetric
 from fe.kernel.pressure import PressureFaces
 from fe.kernel.systems import Reduced, Wider
 from fe.kernel.tying import Dependence, dependence

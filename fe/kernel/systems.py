@@ -13,8 +13,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from fe.element import Array, Integers
-from fe.kernel.matrix import Symmetric
-from fe.kernel.pattern import Pattern, Places
+from fe.kernel.matrix import Pattern, Places, Symmetric
 
 
 class Reduced:

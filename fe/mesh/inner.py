@@ -1,9 +1,10 @@
-"""Node positions of a mesh whose chamber surface moves while its outer surface stays.
+"""Walls of a mesh: the inner surface moved while the outer one stays, and the surfaces that may touch.
 
 The displacement of the inner surface is extended through the walls as a harmonic field (Laplace's equation on
 the mesh itself). No parametric geometry is needed: the walls of any mesh with a named chamber can be changed.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from fe.case import Case, CaseKey, digest
+from fe.case import Case, CaseKey, SelfContact, digest
 from fe.element import Array, Element, Integers
 from fe.kernel.assembly import Geometry
 from fe.mesh.refine import free_faces
@@ -90,13 +91,17 @@ def _held_by_symmetry(case: Case) -> Any:
 
 def _outer_nodes(case: Case) -> Integers:
     """The nodes of the skin but for the chamber's faces and planes of symmetry."""
-    assert case.pressurised
-    faces, width = free_faces(case), len(case.element.faces)
-    chamber = case.surfaces[case.pressurised] @ [width, 1]
-    faces = faces[~np.isin(faces @ [width, 1], chamber)]
-    nodes = np.take_along_axis(case.connectivity[faces[:, 0]], case.element.faces[faces[:, 1]], axis=1)
+    _, nodes = _beyond_chamber(case)
     on_plane = _held_by_symmetry(case)[nodes].all(axis=1).any(axis=1)
     return np.unique(nodes[~on_plane])
+
+
+def _beyond_chamber(case: Case) -> tuple[Integers, Integers]:
+    """The free faces (f, 2) but for the chamber's, and their nodes (f, k)."""
+    faces, width = free_faces(case), len(case.element.faces)
+    if case.pressurised:
+        faces = faces[~np.isin(faces @ [width, 1], case.surfaces[case.pressurised] @ [width, 1])]
+    return faces, np.take_along_axis(case.connectivity[faces[:, 0]], case.element.faces[faces[:, 1]], axis=1)
 
 
 def _normals(nodes: Array, faces: Integers, kind: Element) -> Array:
@@ -113,3 +118,19 @@ def _normals(nodes: Array, faces: Integers, kind: Element) -> Array:
     normal, out = np.cross(s, t), np.zeros_like(nodes)
     np.add.at(out, faces, normal / np.linalg.norm(normal, axis=2, keepdims=True))
     return out
+
+
+SKIN = "skin"
+
+
+def closing(case: Case) -> Case:
+    """The case with self-contact: the pressurised faces cannot pass through each other, nor can the other
+    free faces (the surface SKIN), except in planes of symmetry and at the clamp."""
+    faces, nodes = _beyond_chamber(case)
+    held = case.supported
+    held[case.clamped] = True
+    apart = ~np.any(np.all(held[nodes], axis=1), axis=1)
+    pairs = [SelfContact(SKIN, SKIN)]
+    if case.pressurised:
+        pairs.append(SelfContact(case.pressurised, case.pressurised))
+    return replace(case, surfaces={**case.surfaces, SKIN: faces[apart]}, self_contact=tuple(pairs))

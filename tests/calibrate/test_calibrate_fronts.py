@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibrate import Parameter
-from calibrate.fronts import Front, pareto_front
+from calibrate.genetic import Front, pareto_front
 from calibrate.parameters import Array
 
 BOTH = [Parameter("p", -2, 3), Parameter("q", -2, 3)]

@@ -22,8 +22,7 @@ import numpy as np
 from vision import Camera, Video, calibrate_camera, locate
 from vision.boards.board import Board, Print, flipped
 from vision.boards.charuco import CharucoBoard
-from vision.boards.circles import CIRCLE, AsymmetricCircleBoard, CircleBoard
-from vision.boards.codedcircles import CodedCircleBoard
+from vision.boards.circles import CIRCLE, AsymmetricCircleBoard, CircleBoard, CodedCircleBoard
 from vision.calibration.boardfilms import camera_of_film, rig_of_films
 from vision.calibration.stereo import calibrate_rig
 from vision.camera import Array, Image

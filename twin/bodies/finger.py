@@ -167,7 +167,7 @@ class BuiltIn:
     @staticmethod
     def of(finger: "Finger") -> "BuiltIn":
         """A finger on the lattice that its dimensions ask for."""
-        from fe.mesh.dividing import lattice_of
+        from fe.mesh.finger import lattice_of
 
         return BuiltIn(finger, lattice_of(finger))
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_distribution
 
 from calibrate import Fit, Parameter, least_squares
-from calibrate.fronts import GENERATIONS, Front, pareto_front
+from calibrate.genetic import GENERATIONS, Front, pareto_front
 from twin.calibrated.problem import CalibrationProblem
 from twin.calibrated.profiles import with_own_errors
 from twin.effects.protocol import Unsolvable

@@ -175,7 +175,7 @@ def _csv(features: Sequence[FoundFeature], side: float) -> str:
 
 def _sheet(picture: Any, features: Sequence[FoundFeature]) -> bytes:
     """The picture with every feature's number, as PNG."""
-    from vision.drawing.ringsheet import numbered
+    from vision.drawing.overlays import numbered
 
     drawn = numbered(picture, np.array([c.feature.centre for c in features]).reshape(-1, 2))
     return bytes(cv2.imencode(".png", drawn)[1])

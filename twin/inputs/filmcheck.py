@@ -77,7 +77,7 @@ def _draw(
     project: Project, table: CameraTable, marks: "Sequence[Mark]", film: "Video", name: str, say: Say
 ) -> None:
     """Draw the first frame, whatever is wrong with it; without the lens, which may be unknown yet."""
-    from vision.drawing.ringsheet import ring_sheet
+    from vision.drawing.overlays import ring_sheet
 
     picture, detected = ring_sheet(film, marks, dictionary=dictionary_name(project, table.dictionary))
     what = f"the first frame of {table.film} with every marker circled, {detected} of {len(marks)} found"

@@ -19,8 +19,7 @@ from scipy.sparse import csr_matrix
 
 from fe import Case
 from fe.case import digest
-from fe.engines.course import LEAST, over_pressure
-from fe.engines.engine import EngineResult, Program
+from fe.engines.engine import LEAST, EngineResult, Program, over_pressure
 from fe.mesh.points import interpolation
 from twin import effort
 from twin.effects.protocol import Unsolvable

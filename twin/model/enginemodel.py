@@ -12,7 +12,7 @@ import numpy as np
 from calibrate import Parameter
 from fe import Case, Solution
 from fe.element import Integers
-from fe.engines.course import along
+from fe.engines.engine import along
 from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.gravity import ways
 from twin.laws.law import Constants

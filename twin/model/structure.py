@@ -17,8 +17,8 @@ from fe.deck.reader import Deck, read_deck
 from fe.deck.soundness import check_body, jacobians
 from fe.element import Integers
 from fe.kernel.tying import dependence
+from fe.mesh.inner import closing
 from fe.mesh.refine import enriched, free_faces, refined
-from fe.mesh.skin import closing
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
 from twin.laws.catalogue import law_of

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from fe.kernel import pattern
-from fe.kernel.pattern import Pattern
+from fe.kernel import matrix
+from fe.kernel.matrix import Pattern
 
 
 @pytest.mark.parametrize("rows", [7, 4096])
 def test_a_pattern_holds_what_elements_share(monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
-    monkeypatch.setattr(pattern, "ROWS", rows)  # several parts, the last one smaller
+    monkeypatch.setattr(matrix, "ROWS", rows)  # several parts, the last one smaller
     rng = np.random.default_rng(5)
     size, unknowns = 40, np.array([rng.permutation(40)[:6] for _ in range(25)])
     unknowns[rng.random(unknowns.shape) < 0.2] = -1

@@ -14,7 +14,7 @@ from fe.engines.writer import deck
 from fe.kernel.contact import SMOOTH
 from fe.kernel.selfcontact import SelfFaces
 from fe.mesh.convert import converted
-from fe.mesh.skin import SKIN, closing
+from fe.mesh.inner import SKIN, closing
 from fe.solver.newton import Problem, equilibrium
 from tests.fe.touchingchambers import against_ccx, paired, row
 

@@ -9,8 +9,7 @@ from fe import Finger, Lattice, Material, finger_case
 from fe.element import ELEMENTS, HEX27
 from fe.kernel.assembly import Geometry
 from fe.mesh.convert import converted
-from fe.mesh.dividing import CELLS, lattice_of
-from fe.mesh.finger import marked
+from fe.mesh.finger import CELLS, lattice_of, marked
 from fe.mesh.points import nearest_on_faces
 from tests.fe.conftest import STUB
 

@@ -8,7 +8,7 @@ import pytest
 
 from fe import Case, Path, Support, Variation, finger_case, solve
 from fe.mesh.mirror import mirrored
-from fe.mesh.spreading import spread
+from fe.solver.loadings import spread
 from tests.fe.conftest import COARSE, SILICONE, STUB
 
 TIP = np.array([100.0, 5.0, 5.0])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibrate.fronts import Front
+from calibrate.genetic import Front
 from fe import Case
 from tests.messages import saying
 from twin.calibrated import tradeoff

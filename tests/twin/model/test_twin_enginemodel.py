@@ -12,8 +12,7 @@ from fe import Case, Finger, Lattice, solve
 from fe import Path as Course
 from fe.engines.abaqus import Abaqus
 from fe.engines.calculix import CalculiX
-from fe.engines.course import over_pressure
-from fe.engines.engine import EngineResult
+from fe.engines.engine import EngineResult, over_pressure
 from fe.engines.writer import deck
 from fe.mesh.convert import converted
 from tests.messages import saying

@@ -3,7 +3,7 @@
 import pytest
 
 from fe import Finger, Lattice
-from fe.mesh.skin import SKIN
+from fe.mesh.inner import SKIN
 from fe.solver.newton import Problem
 from tests.messages import saying
 from twin.model.structure import closed, of_finger, weighed

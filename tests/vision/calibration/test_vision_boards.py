@@ -13,8 +13,7 @@ from tests.pulls import band
 from vision import Board, Camera, calibrate_camera
 from vision.boards.board import BoardView
 from vision.boards.chessboard import Chessboard
-from vision.boards.circles import AsymmetricCircleBoard, CircleBoard, centroid
-from vision.boards.codedcircles import CodedCircleBoard
+from vision.boards.circles import AsymmetricCircleBoard, CircleBoard, CodedCircleBoard, centroid
 from vision.calibration import lens
 from vision.drawing import synthetic
 

@@ -12,9 +12,9 @@ from scipy.stats import chi2
 
 from tests.pulls import band
 from vision import Camera, Displacements, Stated, View, measure
-from vision.errors.autocorrelation import of_mean, persistence_of
 from vision.errors.codingdrift import rare, stretches
 from vision.errors.codingvariance import Codec
+from vision.errors.staticnoise import of_mean, persistence_of
 from vision.following.tracks import Followed, Method
 from vision.kinds import CodedMarker
 from vision.marks import Mark

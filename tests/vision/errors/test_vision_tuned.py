@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from vision.errors import (
-    autocorrelation,
     codingdrift,
     codingvariance,
     independenterrors,
@@ -38,7 +37,7 @@ Array = NDArray[np.float64]
 Check = Callable[[], bool]
 ROOT = Path(__file__).parents[3]
 MODULES = [
-    autocorrelation, codingdrift, codingvariance, independenterrors, packets, reencoding, restdrift, sharederrors,
+    codingdrift, codingvariance, independenterrors, packets, reencoding, restdrift, sharederrors,
     staticnoise,
 ]  # fmt: skip
 TIP = Mark("tip", CodedMarker(1, 9.0), (0.0, 12.0, 0.0), "finger")
@@ -128,31 +127,31 @@ def lasting(seed: int, frames: int, count: int, parts: list[tuple[float, float]]
     return total - total.mean(axis=0)
 
 
-@case(autocorrelation, "SURE")
+@case(staticnoise, "SURE")
 def white_noise_has_no_memory_and_a_short_one_is_seen() -> bool:
     """Three sds: once in 700 white films, not once in 15; a correlation of 4.6 sds is seen in nine of ten."""
     found = [
-        sum(autocorrelation.persistence_of(lasting(seed, 400, 4, [(1.0, rho)])).lasting > 0.0 for seed in range(count))
+        sum(staticnoise.persistence_of(lasting(seed, 400, 4, [(1.0, rho)])).lasting > 0.0 for seed in range(count))
         for rho, count in ((0.0, 120), (0.115, 40))
     ]
     return found[0] <= 1 and found[1] >= 32
 
 
-@case(autocorrelation, "MOST_RHO")
+@case(staticnoise, "MOST_RHO")
 def memory_is_50_frames_at_most() -> bool:
-    rho = autocorrelation.persistence_of(lasting(0, 600, 16, [(1.0, 0.997)])).rho
+    rho = staticnoise.persistence_of(lasting(0, 600, 16, [(1.0, 0.997)])).rho
     return 0.965 < rho < 0.987  # 28 to 76 frames
 
 
-@case(autocorrelation, "TOWARDS_LONG")
+@case(staticnoise, "TOWARDS_LONG")
 def slow_errors_weigh_in_a_fit_that_cannot_be_right() -> bool:
     """Noise of two memories, 2 and 33 frames: variance of the mean of 60 frames over the true one. One memory
     cannot be both. 0.61 at half the number, 0.94 at twice."""
     told = np.mean([
-        autocorrelation.persistence_of(lasting(seed, 320, 64, [(0.2, 0.0), (0.5, 0.6), (0.3, 0.97)])).of_mean(60)
+        staticnoise.persistence_of(lasting(seed, 320, 64, [(0.2, 0.0), (0.5, 0.6), (0.3, 0.97)])).of_mean(60)
         for seed in range(6)
     ])  # fmt: skip
-    of_mean = autocorrelation.of_mean
+    of_mean = staticnoise.of_mean
     true = 0.2 / 60 + sum(s * of_mean(np.array(1.0), np.array(r), 60) for s, r in ((0.5, 0.6), (0.3, 0.97)))
     return 0.66 < told / true < 0.83
 
@@ -161,8 +160,8 @@ def test_the_grid_of_lags_is_fine_enough(monkeypatch: pytest.MonkeyPatch) -> Non
     """Half and twice the lags move what is told by less than half of its own scatter."""
     told = {}
     for lags in (7, 14, 28):
-        monkeypatch.setattr(autocorrelation, "LAGS", lags)
-        found = [autocorrelation.persistence_of(lasting(seed, 320, 32, [(0.25, 0.0), (0.75, 0.96)])) for seed in range(6)]
+        monkeypatch.setattr(staticnoise, "LAGS", lags)
+        found = [staticnoise.persistence_of(lasting(seed, 320, 32, [(0.25, 0.0), (0.75, 0.96)])) for seed in range(6)]
         told[lags] = np.array([one.of_mean(18) for one in found])
     for lags in (7, 28):
         assert abs(np.mean(told[lags] - told[14])) < 0.5 * np.std(told[14])

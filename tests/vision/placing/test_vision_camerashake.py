@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vision.placing.camerashake import unsteady
+from vision.placing.views import unsteady
 
 REST = np.arange(10)
 TIME = np.arange(40) / 10
