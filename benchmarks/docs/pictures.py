@@ -53,7 +53,7 @@ from scipy.spatial import ConvexHull
 from fe import Finger, Lattice, Material, finger_case, solve
 from fe import Path as Course
 from fe.element import triangles
-from twin.drawing.readpicture import as_read
+from twin.drawing.meshpictures import as_read
 from twin.drawing.touchplot import draw_touch
 from twin.effects.library import all_effects
 from twin.effects.material import Elasticity

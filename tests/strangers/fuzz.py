@@ -98,7 +98,7 @@ def _record(folder: Path, file: Path) -> None:
     from twin.calibrated.caches import SolvedList
     from twin.diagnosis.diagnosisrecord import DiagnosisRecord
     from twin.diagnosis.explanation import EvidenceRecord
-    from twin.inputs.camerarecord import stored_cameras
+    from twin.inputs.cameras import stored_cameras
     from twin.judging.fitrecord import ComparisonRecord, FitRecord
     from twin.project.record import RunRecord
 

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from twin import files
-from twin.inputs.camerarecord import stored_cameras
-from twin.inputs.cameras import dictionary_name
+from twin.inputs.cameras import dictionary_name, stored_cameras
 from twin.project.folder import Project
 from twin.targets import Array
 

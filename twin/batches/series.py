@@ -1,16 +1,41 @@
-"""Constants of a batch beside the constants of earlier batches, for the report."""
+"""The projects below a folder, one a batch, in the order of their names; and the constants of a batch beside
+those of earlier ones, for the report."""
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from twin import files
 from twin.batches.former import former_of
-from twin.batches.order import batches_in
 from twin.batches.values import BatchValue, changes_of, values_of
 from twin.bench.fits import fit_file
 from twin.judging.fitrecord import FitRecord
 from twin.numerals import interval
 from twin.project.folder import Project
+
+
+def batches_in(folder: Path) -> list[Path]:
+    """The project folders below a folder, in the order of their names (batch-9 before batch-10)."""
+    folders = [path.parent for path in folder.glob("*/twin.toml")]
+    return sorted(
+        (path for path in folders if not path.name.startswith(".")), key=lambda path: _natural(path.name)
+    )
+
+
+def holds_batches(folder: Path) -> bool:
+    """True for a folder that is no project itself and has projects below it."""
+    return not (folder / "twin.toml").is_file() and bool(batches_in(folder))
+
+
+def _natural(name: str) -> list[tuple[int, int, str]]:
+    """A key by which numbers in a name count as numbers."""
+    parts = re.findall(r"\d+|\D+", name)
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts]
+
+
+Opened = Callable[[Path], Project]
+
 
 SHOWN = 6  # batches at most, the last ones: a wider table is read in `twin batches`
 

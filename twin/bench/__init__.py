@@ -1,10 +1,10 @@
 """The calibration problem of a project, and its runs that are still valid.
 
-Read `workbench` first: a project becomes its calibration problem (`twin/calibrated`). `meshshapes` measures
-a mesh. `fits` finds the runs that still belong to the project, `effectlaws` the law of an effect that was
-kept, `waterfall` the error after each effect. `engines` finds the program that twin.toml names to solve the
-model, `priors` reads priors and loss, `provenance` states both of a fit. `comparison` writes a judged model
-and its errors into a run, `materialtests` its agreement with tests of the silicone. `effectchange` refits
-the model with other effects; `explorationranges` reads the ranges of `twin explore`; `modeldifferences`
-compares the models of two projects.
+Read `workbench` first: a project becomes its calibration problem (`twin/calibrated`). `meshshapes` measures a
+mesh. `fits` finds the runs that still belong to the project, and says what has changed since the others,
+`effectlaws` the law of an effect that was kept, `waterfall` the error after each effect. `engines` finds the
+program that twin.toml names to solve the model, `priors` reads priors and loss. `comparison` writes a judged
+model and its errors into a run, with the provenance of the fit and its agreement with tests of the silicone.
+`effectchange` refits the model with other effects; `explorationranges` reads the ranges of `twin explore`;
+`modeldifferences` compares the models of two projects.
 """

@@ -3,21 +3,25 @@
 The errors and derivatives that it was judged by are stored too, so that `compare` solves nothing again.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from calibrate import Fit
 from twin import files
+from twin.bench.engines import solved_by
 from twin.bench.workbench import Workbench
+from twin.coupons.pulltest import PullTest
 from twin.judging.comparison import Comparison, compare, right_in_words
-from twin.judging.fitrecord import UnseenFilm
+from twin.judging.fitrecord import MaterialTestRow, MaterialTestsRow, UnseenFilm
 from twin.judging.fitting import ModelErrors
 from twin.judging.heldout import unseen
 from twin.judging.judged import Judged, judged_by
 from twin.judging.lawerrors import LawError
+from twin.judging.likelihood import down_weighted, prior_rows, weights_in_words
 from twin.judging.whitening import LAW
 from twin.messages import Say
 from twin.model.arraycache import code_digest
@@ -131,3 +135,49 @@ def kept_errors(fit_file: Path, fit: Fit, targets: Targets) -> ModelErrors | Non
     """The errors that the model of the fit in fit.json has there; None where `kept` has none."""
     judgement = kept(fit_file, fit, targets)
     return None if judgement is None else judgement.errors
+
+
+PICTURE = "material-tests.png"
+
+
+def told_of_tests(tests: Sequence[PullTest], agreement: MaterialTestsRow | None) -> Iterator[str]:
+    """Sentences on the tests of the silicone that a fit has used; none without tests."""
+    if agreement is None:
+        return
+    for test in tests:
+        yield from test.remarks
+    for row in agreement.tests:
+        yield _row(row)
+    yield agreement.sentence
+
+
+def _row(row: MaterialTestRow) -> str:
+    shared = ", ".join(f"{name} {size:+.1f} sd" for name, size in row.shared_sd.items())
+    left_out = f"; {row.left_out} rows beyond are left out" if row.left_out else ""
+    return (
+        f"Material test {row.name}: {row.rms_MPa:.2g} MPa rms up to a stretch of {row.up_to:.2f} "
+        f"({row.count} values{left_out}). Its chi2 is {row.chi2:.3g}; errors that all its "
+        f"values share: {shared}."
+    )
+
+
+def write_curves(run: Run, agreement: MaterialTestsRow | None) -> None:
+    """Write material-tests.png into a run: measured and fitted nominal stress; nothing without tests."""
+    if agreement is not None:
+        from twin.drawing.fitplots import draw_curves
+
+        run.write_bytes(PICTURE, draw_curves(agreement.tests))
+
+
+def fitted_by(bench: Workbench, fit: Fit, judgement: Judgement) -> dict[str, Any]:
+    """Fields of fit.json on the provenance of a fit."""
+    targets, residual = bench.targets, bench.targets.value - judgement.predicted
+    w, priors = judgement.errors.whitener(targets), prior_rows(fit, targets)
+    solver = solved_by(bench.project, bench.jobs)
+    words = [f"{solver['release']} solved the model."] if solver["release"] else []
+    words += [row.sentence for row in priors]
+    words += filter(None, [weights_in_words(targets, residual, w)])
+    return solver | {
+        "loss": bench.project.config.calibrate.loss, "priors": priors,
+        "down_weighted": down_weighted(targets, residual, w), "said": tuple(words),
+    }  # fmt: skip

@@ -9,10 +9,17 @@ import numpy as np
 from calibrate import Fit, Parameter
 from twin import files
 from twin.bench import waterfall
-from twin.bench.comparison import JUDGED, Judgement, compared, keep, kept
+from twin.bench.comparison import (
+    JUDGED,
+    Judgement,
+    compared,
+    fitted_by,
+    keep,
+    kept,
+    told_of_tests,
+    write_curves,
+)
 from twin.bench.fits import fresh, newest, newest_fit
-from twin.bench.materialtests import told_of_tests, write_curves
-from twin.bench.provenance import fitted_by
 from twin.bench.workbench import Workbench
 from twin.calibrated.effectstarts import begun_from, nominal
 from twin.judging.comparison import change_in_words

@@ -11,7 +11,7 @@ from typer import Argument
 from calibrate.randomeffects import LEAST, Newcomer, newcomer
 from calibrate.statistics import holm
 from twin import files
-from twin.batches.order import Opened, batches_in
+from twin.batches.series import Opened, batches_in
 from twin.batches.values import BatchValue, values_of
 from twin.bench.fits import fit_file, newest
 from twin.bench.modeldifferences import other_models
@@ -24,7 +24,7 @@ from twin.project.folder import Project
 from twin.table import DataTable
 
 if TYPE_CHECKING:
-    from twin.drawing.driftchart import DriftCourse
+    from twin.drawing.fitplots import DriftCourse
 
 LEVEL = 0.05  # share of series without a change in which any parameter is called changed, at most
 PAGE, TABLE = "batches.html", "batches.csv"
@@ -185,7 +185,7 @@ def _csv(batches: list[Batch]) -> str:
 
 def _page(title: str, batches: list[Batch], tested: list[Drift], lines: list[str]) -> str:
     """batches.html: what the tests say, the chart, the table."""
-    from twin.drawing.driftchart import drift_chart  # loads matplotlib
+    from twin.drawing.fitplots import drift_chart  # loads matplotlib
     from twin.report.page import Picture, table_page
 
     courses = _courses(batches, tested)
@@ -210,7 +210,7 @@ CAPTION = (
 
 
 def _courses(batches: list[Batch], tested: list[Drift]) -> list["DriftCourse"]:
-    from twin.drawing.driftchart import DriftCourse
+    from twin.drawing.fitplots import DriftCourse
 
     names = list(dict.fromkeys(v.name for b in batches for v in b.values))
     test = {d.name: d for d in tested}

@@ -10,12 +10,10 @@ from typer import Option
 from calibrate import Fit
 from twin import files
 from twin.batches.former import former_of
-from twin.bench.comparison import Judgement, compared
+from twin.bench.comparison import Judgement, compared, fitted_by, told_of_tests, write_curves
 from twin.bench.effectchange import change_effects
 from twin.bench.engines import check_embedded
 from twin.bench.fits import former_fit
-from twin.bench.materialtests import told_of_tests, write_curves
-from twin.bench.provenance import fitted_by
 from twin.bench.workbench import Workbench
 from twin.commands.calibratelaws import run_laws
 from twin.judging.intervals import fit_record

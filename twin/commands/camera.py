@@ -2,8 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from twin.inputs.boardtimes import board_film, board_times
-from twin.inputs.camerarecord import CameraRecord, RigRecord
+from twin.inputs.cameras import CameraRecord, RigRecord, board_film, board_times
 from twin.messages import Say
 from twin.project.folder import Project
 

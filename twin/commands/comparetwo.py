@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from twin import files
-from twin.batches.order import Opened
+from twin.batches.series import Opened
 from twin.batches.side import Laid, write_side_by_side
 from twin.batches.values import BatchChange, BatchValue, changes_of, values_of
 from twin.bench.fits import fit_file, newest

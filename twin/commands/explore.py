@@ -14,10 +14,9 @@ from twin.bench.engines import check_embedded
 from twin.bench.explorationranges import asked_ranges
 from twin.calibrated.exploration import FieldResponse, FingerAnswer, VariedFinger, farthest, tasks_of
 from twin.calibrated.predictions import pressure_of
-from twin.drawing.exploreplots import EffectPanel, draw_effects
+from twin.drawing.fitplots import EffectPanel, draw_effects
 from twin.executors.local import current
-from twin.experiments.designs import Variable, sobol_design
-from twin.experiments.maineffects import MainEffects, levels_of, main_effects
+from twin.experiments.designs import MainEffects, Variable, levels_of, main_effects, sobol_design
 from twin.messages import Say
 from twin.numerals import short
 from twin.project.folder import Project, Run

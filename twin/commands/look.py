@@ -13,8 +13,7 @@ from twin.bench.workbench import one_side, places_of, structure_of
 from twin.calibrated.positions import position_of
 from twin.coupons.pulltest import pull_tests
 from twin.drawing.blueprint import dimensioned
-from twin.drawing.meshpictures import labelled, shapes
-from twin.drawing.readpicture import as_read
+from twin.drawing.meshpictures import as_read, labelled, shapes
 from twin.messages import Say
 from twin.project.folder import Project
 from twin.review.finger import write_undeformed

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from twin import files
-from twin.batches.order import Opened, batches_in, holds_batches
+from twin.batches.series import Opened, batches_in, holds_batches
 from twin.commands import recalibrate
 from twin.executors.local import Processes, Serial, current
 from twin.files import lock

@@ -9,10 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fe.homogeneous import SLOPES, principal_stretches
-from twin.coupons.course import STILL, find_drop, find_holds, is_reversed
-from twin.coupons.exports import ExportColumn, SoughtColumn, read_export
-from twin.coupons.headings import Quantity
-from twin.coupons.plausible import beginning, preload_doubt, stiffness_fault, strain_fault, true_stress_doubt
+from twin.coupons.course import (
+    STILL,
+    beginning,
+    find_drop,
+    find_holds,
+    is_reversed,
+    preload_doubt,
+    stiffness_fault,
+    strain_fault,
+    true_stress_doubt,
+)
+from twin.coupons.exports import ExportColumn, Quantity, SoughtColumn, read_export
 from twin.coupons.testtable import MaterialTestTable
 from twin.targets import Array, MaterialCurve
 

@@ -1,15 +1,19 @@
-"""Plots of fits, each a PNG: ends of least squares from many starts, material tests, a Pareto front."""
+"""Plots of several fits or solves: ends of least squares from many starts, material tests, a Pareto front,
+the main effects of a design of experiments, and quantities over batches."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.drawing.theme import (
     AFTER,
     BEFORE,
     EXTRA,
+    FAINT,
     MEASURED,
     MUTED,
     NOISE,
@@ -17,6 +21,7 @@ from twin.drawing.theme import (
     panels,
     png,
     style,
+    svg,
 )  # fmt: skip
 from twin.judging.fitrecord import MaterialTestRow
 from twin.targets import Array
@@ -92,3 +97,77 @@ def draw_front(
             axes.set_ylabel(f"misfit of {names[k]} over its errors")
         legend_above(figure, grid[0])
         return png(figure)
+
+
+@dataclass(frozen=True)
+class EffectPanel:
+    """One answer over one variable: its runs x (n,) and y (n,), and rows (m, 3) of the means of levels or
+    bins: where, the mean, its standard error."""
+
+    x: Array
+    y: Array
+    levels: Array
+
+
+def draw_effects(
+    panels: Sequence[Sequence[EffectPanel]], *, variables: Sequence[str], answers: Sequence[str]
+) -> bytes:
+    """A PNG of panels (a, d): a row for each answer, a column for each variable; the means with their
+    standard errors over all runs."""
+    a, d = len(answers), len(variables)
+    with style():
+        figure = Figure(figsize=(max(1.7 * d + 1.0, 4.0), 1.4 * a + 0.5), layout="constrained")
+        grid = figure.subplots(a, d, sharex="col", sharey="row", squeeze=False)
+        for row, row_panels in enumerate(panels):
+            for column, panel in enumerate(row_panels):
+                axes, (centre, mean, sd) = grid[row, column], panel.levels.T
+                axes.plot(panel.x, panel.y, ".", color=MEASURED, markersize=3.5)
+                axes.errorbar(centre, mean, np.nan_to_num(sd), fmt="o-", color=AFTER, markersize=4, capsize=2)
+                axes.tick_params(labelsize=7.5)
+            grid[row, 0].set_ylabel(answers[row], fontsize=8)
+        for axes, name in zip(grid[-1], variables, strict=True):
+            axes.set_xlabel(name, fontsize=8)
+        return png(figure)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriftCourse:
+    """One quantity over batches: values (b,), 95 % ends low and high (b,), NaN where unknown; the span in
+    which the newest was expected, None where it was not tested; whether it differs."""
+
+    name: str
+    unit: str
+    values: Array
+    low: Array
+    high: Array
+    expected: tuple[float, float] | None
+    differs: bool
+
+
+def drift_chart(batches: Sequence[str], courses: Sequence[DriftCourse]) -> str:
+    """A panel a quantity, the batches from left to right; a value without an interval is a hollow circle."""
+    with style():
+        figure = Figure(figsize=(7.6, 0.6 + 1.5 * len(courses)), layout="constrained")
+        panels = figure.subplots(len(courses), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, course in zip(panels, courses, strict=True):
+            _panel(axes, course)
+            axes.set_title(f"{course.name}{', ' if course.unit else ''}{course.unit}")
+        turned = 30 if len(batches) > 6 else 0
+        panels[-1].set_xticks(range(len(batches)), batches, rotation=turned, parse_math=False)
+        panels[-1].set_xlim(-0.5, len(batches) - 0.5)
+        return svg(figure)
+
+
+def _panel(axes: Axes, course: DriftCourse) -> None:
+    x = np.arange(len(course.values))
+    last = len(x) - 1
+    if course.expected is not None:
+        low, high = course.expected
+        axes.fill_between([last - 0.35, last + 0.35], low, high, color=FAINT, label="expected")
+    bounded = np.isfinite(course.low) & np.isfinite(course.high)
+    colours = [BEFORE if course.differs and k == last else AFTER for k in x]
+    for k in x[bounded]:
+        axes.plot([k, k], [course.low[k], course.high[k]], color=colours[k], linewidth=1.6)
+        axes.plot(k, course.values[k], "o", color=colours[k], markersize=5)
+    axes.plot(x[~bounded], course.values[~bounded], "o", color=MUTED, markerfacecolor="none", markersize=5)
+    axes.grid(axis="x", visible=False)

@@ -1,14 +1,22 @@
-"""Paints the models over pictures of the film: two side by side, as a still or as frames of a clip."""
+"""Models painted over pictures of the film, two side by side: a still, or a short clip for a talk as MP4. The
+edge of a model is the outer contour of its mesh that a camera beside it sees."""
 
-from collections.abc import Sequence
+import io
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from twin import files
 from twin.review.filmed import Filmed
-from twin.review.states import Array
+from twin.review.states import Array, Integers
+from vision.film.video import Video
 
 Image = NDArray[np.uint8]
 # blue, green, red, as OpenCV orders them; the same colours as in the review
@@ -126,3 +134,87 @@ def _fixed(places: Array) -> NDArray[np.int32]:
 def _pair(place: Array) -> tuple[int, int]:
     x, y = _fixed(place)
     return int(x), int(y)
+
+
+DRAWN = 4000  # px along the longest side, of the picture in which the contour is found
+MARGIN = 2  # drawn px round the body
+NEAR = 1.5  # drawn px from the contour, within which a node lies on it
+
+
+def edge_rows(nodes: Array, triangles: Integers) -> NDArray[np.intp]:
+    """Rows (k,) of the nodes along the outer contour of a skin at rest, closed: the last is the first.
+
+    nodes (n,3) mm; triangles (t,3) of its skin.   The contour is that of all triangles seen along y. Where
+    several nodes lie on one place of it, as along the underside, the nearest to the camera counts: largest y.
+    These are material points, so that the edge follows the finger as it bends.
+    """
+    used = np.unique(triangles)
+    flat = nodes[:, [0, 2]]
+    scale = DRAWN / float(np.ptp(flat[used], axis=0).max())
+    drawn = (flat - flat[used].min(axis=0)) * scale + MARGIN
+    contour = _contour(drawn[triangles])
+    along, off = _on_contour(drawn[used], contour)
+    chosen = off < NEAR
+    rows, along = used[chosen], along[chosen]
+    order = np.argsort(along)
+    groups = np.split(order, np.flatnonzero(np.diff(along[order]) > 2 * NEAR) + 1)
+    edge = [rows[group[np.argmax(nodes[rows[group], 1])]] for group in groups]
+    return np.array([*edge, edge[0]])
+
+
+def _contour(corners: Array) -> Array:
+    """The longest outer contour (m,2) of filled triangles (t,3,2), all in drawn px."""
+    width, height = np.ceil(corners.max(axis=(0, 1))).astype(int) + MARGIN + 1
+    mask = np.zeros((height, width), np.uint8)
+    for triangle in np.round(corners * 2**SHIFT).astype(np.int32):
+        cv2.fillConvexPoly(mask, triangle, 255, cv2.LINE_8, SHIFT)
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return np.asarray(max(contours, key=cv2.contourArea)[:, 0], np.float64)
+
+
+def _on_contour(points: Array, contour: Array) -> tuple[Array, Array]:
+    """Arc length of points (n, 2) along a contour (m, 2) of neighbouring pixels, and their distance from it.
+    """
+    neighbours = cKDTree(contour).query(points)
+    off, nearest = np.asarray(neighbours[0], np.float64), np.asarray(neighbours[1], np.intp)
+    steps = np.linalg.norm(np.diff(contour, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])[nearest], off
+
+
+PANEL = 956  # px, width of a panel: two of them are a little less than 1920
+LONGEST_S = 30.0  # longer films are shown faster
+TICKS = 1000  # of the clip's clock, 1/s
+CODING = {"crf": "20", "preset": "veryfast"}
+
+
+def write_clip(path: Path, film: Video, filmed: Filmed) -> float:
+    """Write `path` (MP4, H.264), atomically; returns how many times faster than the film it plays."""
+    time = filmed.time_s - filmed.time_s[0]
+    speed = max(float(time[-1]) / LONGEST_S, 1.0)
+    clip = io.BytesIO()
+    with av.open(clip, "w", format="mp4") as target:
+        stream = target.add_stream(
+            "libx264", rate=max(round(len(time) * speed / time[-1]), 1), options=CODING
+        )
+        stream.pix_fmt, stream.codec_context.time_base = "yuv420p", Fraction(1, TICKS)
+        for step, picture in _pictures(film, filmed):
+            if not stream.codec_context.is_open:
+                stream.width, stream.height = picture.shape[1], picture.shape[0]
+            frame = av.VideoFrame.from_ndarray(picture, format="bgr24").reformat(format="yuv420p")
+            frame.pts, frame.time_base = round(TICKS * time[step] / speed), Fraction(1, TICKS)
+            target.mux(stream.encode(frame))
+        target.mux(stream.encode(None))
+    files.write_bytes(path, clip.getvalue())
+    return speed
+
+
+def _pictures(film: Video, filmed: Filmed) -> Iterator[tuple[int, Image]]:
+    """The pictures of the clip, of even size, each with its number among those that are shown."""
+    where = window(filmed, list(range(len(filmed.frame))), width=PANEL)
+    steps = {int(frame): k for k, frame in enumerate(filmed.frame)}
+    for index, _, grey in film.frames():
+        if index in steps:
+            picture = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
+            both = side_by_side(picture, filmed, steps[index], where)
+            height, width = (side // 2 * 2 for side in both.shape[:2])
+            yield steps[index], np.ascontiguousarray(both[:height, :width])

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from fe.mesh.points import nearest
 from twin.effects.protocol import Unsolvable
-from twin.experiments.mimicry import Rows, measured, separation
-from twin.experiments.plannederrors import Outlook
+from twin.experiments.plannederrors import Outlook, Rows, measured, separation
 from twin.experiments.plannedfilms import Film, Shown, heavy, remembers, responses
 from twin.gravity import is_heavy
 from twin.judging.whitening import Whitener

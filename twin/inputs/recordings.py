@@ -9,12 +9,19 @@ import numpy as np
 from twin.csvtable import Table, read_sheet
 from twin.formats.importtable import ImportTable
 from twin.gauge.logcolumns import LogFormat
-from twin.gauge.logfaults import check_signal, rest_remark
-from twin.gauge.pressurelog import GaugeNoise, Log, all_rest, check_covers, gauge_noise, read_log
+from twin.gauge.pressurelog import (
+    GaugeNoise,
+    Log,
+    all_rest,
+    check_covers,
+    check_signal,
+    gauge_noise,
+    read_log,
+    rest_remark,
+)
 from twin.gauge.pressuretable import PressureTable
 from twin.gauge.pressureunits import Line
-from twin.inputs.camerarecord import stored_cameras, stored_rig
-from twin.inputs.cameras import camera_table, dictionary_files
+from twin.inputs.cameras import camera_table, dictionary_files, stored_cameras, stored_rig
 from twin.marktables import MarkTable, PointTable
 from twin.messages import Say
 from twin.project.cameratables import CameraTable, MeasureTable

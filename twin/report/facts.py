@@ -8,12 +8,12 @@ import numpy as np
 
 from twin import effort, files
 from twin.batches.series import earlier_facts
+from twin.bench.comparison import told_of_tests
 from twin.bench.fits import fresh, newest
-from twin.bench.materialtests import told_of_tests
 from twin.chain import FIT, kinds_writing
 from twin.diagnosis.diagnosisrecord import RankingRow
 from twin.effects.labels import name_of
-from twin.inputs.camerarecord import CameraRecord
+from twin.inputs.cameras import CameraRecord
 from twin.judging.fitrecord import FitRecord
 from twin.project.folder import Project, kind_of, versions
 from twin.report.figures import held_out_films, pictures_of, study_facts

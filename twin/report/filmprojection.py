@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from twin import files
 from twin.bench.waterfall import Stair, stairs
 from twin.bench.workbench import Workbench
-from twin.drawing.outlines import edge_rows
-from twin.drawing.painting import Image, still
-from twin.inputs.camerarecord import stored_cameras
-from twin.inputs.cameras import camera_path
+from twin.drawing.painting import Image, edge_rows, still
+from twin.inputs.cameras import camera_path, stored_cameras
 from twin.inputs.recordings import marks_of
 from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
@@ -285,7 +283,7 @@ class Footage:
 
     def clip(self, path: Path) -> str:
         """Write the clip; returns what is to be known of its speed, or nothing."""
-        from twin.drawing.clip import write_clip
+        from twin.drawing.painting import write_clip
 
         speed = write_clip(path, self.film, self.filmed)
         return f", {speed:.1f} times as fast as the film" if speed > 1 else ""

@@ -7,9 +7,9 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from twin.review.filmed import Filmed
+from twin.review.filmlayer import strain_view
 from twin.review.scene import Scene
 from twin.review.states import Array, Strains
-from twin.review.strainlayer import strain_view
 
 VIEWS = {  # name of each view, and the timeline that plays it
     "search": "generation",

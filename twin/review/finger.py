@@ -12,8 +12,7 @@ from fe.element import Integers
 from fe.mesh.mirror import symmetry_support
 from twin.bodies.body import Sketch
 from twin.review.arrangement import alone, finger_view
-from twin.review.rerunfile import rerun_file
-from twin.review.scene import REST, colours, normals, round_up, still
+from twin.review.scene import REST, colours, normals, rerun_file, round_up, still
 from twin.targets import Array
 
 SKIN, NODE = (206, 214, 221), (60, 72, 84)

@@ -16,11 +16,9 @@ import rerun as rr
 
 from twin.review.arrangement import arranged
 from twin.review.filmed import Filmed
-from twin.review.filmlayer import log_filmed
-from twin.review.rerunfile import rerun_file
-from twin.review.scene import Scene, States, log_constants, log_states, scene_of
+from twin.review.filmlayer import log_filmed, log_strains
+from twin.review.scene import Scene, States, log_constants, log_states, rerun_file, scene_of
 from twin.review.states import Array, Fields, Generations, Integers, Strains
-from twin.review.strainlayer import log_strains
 from vision.film.video import film_stream, opened
 
 SERIES = ((86, 180, 233), (230, 159, 0), (0, 190, 140), (204, 121, 167), (240, 228, 66), (213, 94, 0))

@@ -1,12 +1,18 @@
 """The simulated finger as rerun entities below `model/`: mesh, rest shape, markers, errors, colour legend."""
 
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from twin import files
 from twin.review.states import Array, Fields, Generations, Integers, Single
 
 # Dark blue to yellow, even in lightness and readable without red-green vision (rows of sRGB).
@@ -180,3 +186,18 @@ def _legend_values(scene: Scene) -> rr.Points3D:
     labels[-1] += " mm"
     place = _legend_place(scene, fraction, drop=0.008 * scene.size)
     return rr.Points3D(place, radii=rr.Radius.ui_points(0.5), labels=labels, show_labels=True)
+
+
+@contextmanager
+def rerun_file(path: Path, views: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
+    """The recording to log to; the file `path` holds it, with its views, when the block ends."""
+    recording = rr.RecordingStream("softtwin", recording_id=uuid.uuid4())  # two files never mix in one viewer
+    try:
+        # rerun's own writer tells nobody that the disk is full, and may wait for ever
+        memory = recording.memory_recording()
+        # active: in the bytes the views come after the data, for which a viewer has made its own by then
+        recording.send_blueprint(views, make_active=True, make_default=True)
+        yield recording
+        files.write_bytes(path, memory.drain_as_bytes())
+    finally:
+        recording.disconnect()

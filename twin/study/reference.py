@@ -22,10 +22,9 @@ from twin.messages import Say
 from twin.project.config import StudyTable
 from twin.project.folder import Project
 from twin.review.states import Generations
-from twin.study.identifiability import difference
+from twin.study.identifiability import difference, ridge
 from twin.study.loadpathfit import OnPaths
 from twin.study.record import Initial, PointCurve, PointCurves, RidgeLine, Side, Start, Study
-from twin.study.ridges import ridge
 from twin.study.separability import Sensitivities, Separation, spots
 from twin.targets import Array
 

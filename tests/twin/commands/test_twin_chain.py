@@ -20,6 +20,7 @@ from tests.messages import saying, says
 from tests.twin.conftest import Lines as Silent
 from tests.twin.conftest import page_text
 from twin import files, virtual
+from twin.batches.side import entity
 from twin.bench.fits import fit_file
 from twin.bench.workbench import Workbench
 from twin.calibrated import posterior, tradeoff
@@ -53,7 +54,6 @@ from twin.project.folder import Project, dataset
 from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.results import rows_of
-from twin.review.merging import entity
 from twin.review.states import Fields, Generations
 
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 30.0), (12.0, 30.0), (12.4, 0.0), (22.0, 0.0))

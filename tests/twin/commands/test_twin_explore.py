@@ -18,8 +18,7 @@ from twin.calibrated.exploration import FieldResponse, FingerAnswer, solved_row
 from twin.commands import explore
 from twin.commands.explore import run_explore, told
 from twin.executors.local import Processes, Serial, using
-from twin.experiments.designs import Variable
-from twin.experiments.maineffects import MainEffects
+from twin.experiments.designs import MainEffects, Variable
 from twin.marktables import PointTable
 from twin.model.structure import BuiltIn
 from twin.project.config import Config, ModelTable, ProjectTable

@@ -18,7 +18,7 @@ from twin.bench.workbench import Workbench, places_of, structure_of
 from twin.calibrated.positions import ON_FINGER_MM
 from twin.csvtable import read_sheet
 from twin.drawing.blueprint import cut, cut_across
-from twin.drawing.driftchart import DriftCourse, drift_chart
+from twin.drawing.fitplots import DriftCourse, drift_chart
 from twin.marktables import PointTable
 from twin.model.structure import BuiltIn, base_case
 from twin.project.folder import Project

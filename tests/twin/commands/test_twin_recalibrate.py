@@ -17,8 +17,7 @@ from calibrate import Fit, Parameter
 from tests.messages import saying, says
 from twin import chain, cli
 from twin.batches.former import camera_kept
-from twin.batches.order import batches_in
-from twin.batches.series import earlier_facts
+from twin.batches.series import batches_in, earlier_facts
 from twin.batches.values import SHARE, SUM, changes_of, values_of
 from twin.commands import recalibrateall
 from twin.commands.batches import run_batches

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from twin.experiments.designs import Variable, sobol_design
-from twin.experiments.maineffects import levels_of, main_effects
+from twin.experiments.designs import Variable, levels_of, main_effects, sobol_design
 
 C10, WALL, PLEATS = Variable("C10", 0.1, 0.3, "MPa"), Variable("wall_mm", 1.0, 2.0, "mm"), Variable("pleats", 3, 5, whole=True)
 

@@ -12,7 +12,7 @@ from twin.diagnosis.diagnosisrecord import NextTest
 from twin.effects.library import effect
 from twin.effects.material import Elasticity
 from twin.experiments.choice import Experiment, Member, in_words, next_experiments, ranked
-from twin.experiments.mimicry import Rows, measured, separation
+from twin.experiments.plannederrors import Rows, measured, separation
 from twin.experiments.plannedfilms import Film, heavy, in_film, responses
 from twin.judging.fitting import whitener_of
 from twin.model.discretisation import Discretisation

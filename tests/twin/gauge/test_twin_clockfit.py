@@ -8,8 +8,7 @@ import pytest
 
 from tests.few import few
 from twin.effects.loads import first_order_lag
-from twin.gauge.clockfit import _held, check_clock
-from twin.gauge.delays import corners
+from twin.gauge.clockfit import _held, check_clock, corners
 from twin.gauge.pressurelog import Log
 from twin.gauge.synchrony import Join, Motion
 from twin.targets import Array

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from tests.messages import saying, says
-from twin.gauge.logfaults import check_signal, rest_remark
-from twin.gauge.pressurelog import Log, read_log
+from twin.gauge.pressurelog import Log, check_signal, read_log, rest_remark
 
 TIME = np.arange(0.0, 20.0, 0.02)
 

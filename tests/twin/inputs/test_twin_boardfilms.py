@@ -9,8 +9,7 @@ from tests.messages import says
 from twin import files
 from twin.commands.camera import run_camera
 from twin.commands.init import film_config
-from twin.inputs.boardtimes import board_film, board_times
-from twin.inputs.cameras import camera_inputs
+from twin.inputs.cameras import board_film, board_times, camera_inputs
 from twin.project.cameratables import BoardTable, CameraTable
 from twin.project.folder import Project
 from twin.project.toml import dump

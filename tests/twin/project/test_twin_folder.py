@@ -21,7 +21,7 @@ from twin import files
 from twin.calibrated.caches import SolvedRows
 from twin.csvtable import read_table
 from twin.diagnosis.diagnosisrecord import DiagnosisRecord
-from twin.inputs.camerarecord import CameraRecord
+from twin.inputs.cameras import CameraRecord
 from twin.judging.fitrecord import FitRecord
 from twin.project.folder import Project
 from twin.project.record import RunRecord, SourceRecord

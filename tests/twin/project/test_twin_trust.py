@@ -13,12 +13,12 @@ from tests.strangers.received import with_path
 from twin import cli, files
 from twin.batches.former import former_of
 from twin.bench.effectlaws import named_effect
+from twin.bench.fits import changes
 from twin.bench.workbench import own_of
 from twin.project import trust
 from twin.project.cameratables import CameraTable
 from twin.project.config import Config
 from twin.project.folder import Project
-from twin.project.staleness import changes
 from vision.film.series import TIMES
 
 TOML = '[[points]]\nname = "tip"\nnode = 4401\n[calibrate]\nobjective_points = ["tip"]\n'

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from twin.review.merging import write_merged
+from twin.batches.side import write_merged
 
 WAIT_S = 60.0
 FLAGS = ("--headless", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",

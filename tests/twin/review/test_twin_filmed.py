@@ -20,9 +20,18 @@ from rerun.chunk import RrdReader
 
 from fe import Case
 from fe.element import triangles
-from twin.drawing.clip import LONGEST_S, write_clip
-from twin.drawing.outlines import edge_rows
-from twin.drawing.painting import AFTER, BEFORE, CAPTION, Image, side_by_side, still, window
+from twin.drawing.painting import (
+    AFTER,
+    BEFORE,
+    CAPTION,
+    LONGEST_S,
+    Image,
+    edge_rows,
+    side_by_side,
+    still,
+    window,
+    write_clip,
+)
 from twin.review.arrangement import VIEWS, arranged
 from twin.review.filmed import Filmed, Trace, magnified, rms
 from twin.review.recording import write_review

@@ -57,7 +57,7 @@ def work():
                  diagnosis_markdown="creep")
 """,
     "clip.mp4": """
-from twin.drawing.clip import write_clip
+from twin.drawing.painting import write_clip
 source, shown = film(), filmed()
 def work():
     write_clip(folder / "clip.mp4", source, shown)

@@ -7,7 +7,7 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from twin.review.merging import VIEWS, entity, write_merged
+from twin.batches.side import VIEWS, entity, write_merged
 
 NAMES = ("batch 07 é", "batch-08/0003-calibrate")
 

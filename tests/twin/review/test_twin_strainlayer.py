@@ -12,10 +12,9 @@ from rerun.chunk import RrdReader
 from twin.commands.measure import STRAIN_SHOWN, _write_strain
 from twin.project.folder import Run
 from twin.review.arrangement import VIEWS, arranged
-from twin.review.rerunfile import rerun_file
-from twin.review.scene import RAMP, scene_of
+from twin.review.filmlayer import SIGNED, VIEW, log_strains, strain_view
+from twin.review.scene import RAMP, rerun_file, scene_of
 from twin.review.states import Generations, Strains
-from twin.review.strainlayer import SIGNED, VIEW, log_strains, strain_view
 from vision.measuring.strains import COMPONENTS, StrainField, to_csv
 
 TIMES, SIZE = np.array([3.0, 3.1, 3.2]), (640, 400)
