@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fe.homogeneous import Kind
 
 Array = NDArray[np.float64]
+LONGEST_S = 1e8  # s, three years: of a test
 
 
 class PointKind(StrEnum):
@@ -320,6 +321,15 @@ def relative(field: Array, reference: NDArray[np.int64], rests: NDArray[np.int64
     return out
 
 
+def check_duration(time: Array, *, what: str) -> None:
+    """Raise ValueError for increasing times (t,) s of `what` that no test lasts."""
+    if (lasts := float(time[-1] - time[0])) > LONGEST_S:
+        raise ValueError(
+            f"{what}: the times cover {lasts:.3g} s; wanted {LONGEST_S:g} s at most, which are three years; "
+            "correct them, or their unit"
+        )
+
+
 def _check(t: Targets) -> None:
     """Raise ValueError at the first thing that does not fit together."""
     if not len(t.time) or not t.points:
@@ -328,6 +338,8 @@ def _check(t: Targets) -> None:
         raise ValueError(
             "targets: time must increase from step to step and in the pressure log, across blocks too"
         )
+    for time in (t.time, t.log_time):
+        check_duration(time, what="targets")
     if len(set(t.names)) != len(t.names):
         raise ValueError(f"targets: point names {sorted(t.names)} are not all different")
     if t.block[0] != 0 or not np.isin(np.diff(t.block), (0, 1)).all():

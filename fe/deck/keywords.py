@@ -156,7 +156,9 @@ class _Reading:
         return re.sub(r"<\s*(\w+)\s*>", value, text) if "<" in text else text
 
     def text(self, file: Path, keyword: Keyword | None, depth: int) -> str:
-        """The text of a file. ValueError at the keyword that asks for one too many."""
+        """The text of a file. ValueError for a pipe or a folder, and for one file too many."""
+        if file.exists() and not file.is_file():
+            raise ValueError(f"{file}: no file; wanted an input deck, no pipe, device or folder")
         self.opened, self.size = self.opened + 1, self.size + file.stat().st_size
         too = ""
         if depth > DEEPEST:

@@ -1,8 +1,12 @@
 """The value of --cluster -> the executor: a scheduler's address or file, jobs of SLURM, or nothing."""
 
+import asyncio
 import logging
 import re
+import shutil
+import subprocess
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,7 +24,7 @@ if TYPE_CHECKING:
 
 ADDRESS = re.compile(r"(tcp|tls|ucx|ws|wss)://\S+")
 WANTED = "tcp://HOST:8786, the scheduler's JSON file, or a slurm.toml (docs/cluster.md)"
-CONNECT_S = 15.0  # for which a scheduler may take to answer
+CONNECT_S = 8.0  # for which a scheduler may take to answer
 
 
 Count = Annotated[int, Field(ge=1, le=100_000)]
@@ -64,6 +68,11 @@ def on_cluster(cluster: str, say: Callable[[str], None]) -> Iterator[None]:
         where: Any
         if table is not None:
             _needed("dask_jobqueue")
+            if shutil.which("sbatch") is None:
+                raise ValueError(
+                    f"--cluster {cluster}: this computer has no command sbatch, which asks SLURM for jobs; "
+                    "run it where jobs are submitted"
+                )
             where = stack.enter_context(slurm_jobs(table))
         else:
             where = _address(cluster)
@@ -110,22 +119,17 @@ def _client(where: Any, cluster: str) -> Iterator[Any]:
     from distributed import Client
 
     if isinstance(where, str):
-        _check_encryption(where, cluster)
-    try:
-        client = Client(where, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, TimeoutError) as error:
-        raise ConnectionError(
-            f"--cluster {cluster}: no scheduler answers ({' '.join(str(error).split())}); start one with "
-            "`dask scheduler`, or leave --cluster out"
-        ) from error
+        _check_answers(where, cluster)
+    client = Client(where, timeout=CONNECT_S, set_as_default=False)
     try:
         yield client
     finally:
         client.close(timeout=2)
 
 
-def _check_encryption(address: str, cluster: str) -> None:
-    """ValueError where dask's settings do not fit: a client that fails by them is never closed."""
+def _check_answers(address: str, cluster: str) -> None:
+    """ValueError where dask's settings do not fit, ConnectionError where no scheduler answers at an address:
+    a client that fails by either is never closed, and may wait for ever."""
     from distributed.security import Security
 
     settings, encrypted = Security().get_connection_args("client"), address.startswith("tls://")
@@ -139,6 +143,25 @@ def _check_encryption(address: str, cluster: str) -> None:
             f"--cluster {cluster}: not encrypted, but dask's settings ask for it "
             "(distributed.comm.require-encryption); wanted an address tls://HOST:8786"
         )
+    try:
+        with ThreadPoolExecutor(1) as thread:  # a notebook has a loop of its own
+            thread.submit(asyncio.run, _greeted(address, settings)).result()
+    except Exception as error:
+        why = " ".join(str(error).split()) or f"nothing is said within {1.25 * CONNECT_S:g} s"
+        if not isinstance(error, OSError | ValueError | ImportError):
+            why = "another program answers there"
+        raise ConnectionError(
+            f"--cluster {cluster}: no scheduler answers ({why}); start one with `dask scheduler`, or leave "
+            "--cluster out"
+        ) from error
+
+
+async def _greeted(address: str, settings: dict[str, Any]) -> None:
+    """Nothing, once a scheduler has answered the greeting of a client."""
+    from distributed.comm import connect
+
+    talk = await asyncio.wait_for(connect(address, timeout=CONNECT_S, **settings), 1.25 * CONNECT_S)
+    talk.abort()
 
 
 def _needed(library: str) -> None:
@@ -184,5 +207,16 @@ def slurm_jobs(table: SlurmTable) -> "Iterator[SLURMCluster]":
         scheduler_options={"dashboard": False, "dashboard_address": ":0"},
         **{name: value for name, value in options.items() if value is not None},
     ) as cluster:  # fmt: skip
+        _check_jobs(cluster.job_script())
         cluster.scale(jobs=table.jobs)
         yield cluster
+
+
+def _check_jobs(script: str) -> None:
+    """ConnectionError where SLURM takes no job with this script: dask would wait for it all the same."""
+    test: dict[str, Any] = {"input": script, "capture_output": True, "text": True, "timeout": CONNECT_S}
+    try:
+        subprocess.run(["sbatch", "--test-only"], check=True, **test)
+    except (OSError, subprocess.SubprocessError) as error:
+        why = " ".join((getattr(error, "stderr", None) or str(error)).split())
+        raise ConnectionError(f"SLURM takes no such job ({why}); correct slurm.toml") from None

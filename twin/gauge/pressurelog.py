@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from twin.gauge.logcolumns import LogFormat, asked_doubt, columns_of, gauge_pressure, log_sheet
 from twin.gauge.pressureunits import in_seconds
-from twin.targets import Array
+from twin.targets import Array, check_duration
 
 BEYOND_S = 2.5  # more than the clocks of film and log may disagree (time_shift)
 MIN_SAMPLES = 30  # the sd of 30 white samples is known to 13 %
@@ -83,6 +83,7 @@ def read_log(path: Path, *, time_shift_s: float, form: LogFormat | None = None) 
     time = in_seconds(ticks, clock.unit)
     if len(time) < 2:
         raise ValueError(f"{path}: {len(time)} sample; wanted two or more")
+    check_duration(time, what=str(path))
     pressure, unit = gauge_pressure(table, p, form)
     lamp = table.numbers("flash", unit="1") if "flash" in table.cells else None
     return Log(

@@ -49,7 +49,11 @@ class RigidObject:
             raise ValueError(
                 f"object {text!r}: wanted a cylinder, sphere or plane, such as cylinder:d=40,x=70,z=-30 (mm)"
             )
-        words = dict(part.partition("=")[::2] for part in rest.split(",") if part)
+        pairs = [part.partition("=")[::2] for part in rest.split(",") if part]
+        words = dict(pairs)
+        if len(words) < len(pairs):
+            twice = next(key for key, _ in pairs if sum(key == other for other, _ in pairs) > 1)
+            raise ValueError(f"object {text!r}: {twice} stands twice; wanted each key once")
         along = words.pop("along", "")
         values = {key: _number(text, key, word) for key, word in words.items()}
         keys = (*NEEDED[kind], *ALLOWED[kind], *OPTIONS)

@@ -27,8 +27,8 @@ def is_litter(path: Path) -> bool:
 
 
 def in_order(files: Sequence[Path]) -> tuple[list[Path], list[Decimal]]:
-    """Files of a series by the numbers in their names, and for each the number that changes; none where
-    several do.
+    """Files of a series by the numbers in their names, and for each the number that counts: the one that
+    changes, or of several the only one that differs in every name; none where no such one is.
 
     Numbers are decimal: 1.25 lies before 1.3. ValueError where names have several forms, two the same
     number, or digits behind a point that seem to count.
@@ -55,10 +55,14 @@ def in_order(files: Sequence[Path]) -> tuple[list[Path], list[Decimal]]:
             f"{files[0].parent}: {twice[0].name} and {twice[1].name} have the same number; wanted each once: "
             "numbers are decimal, fill those that count with zeros (1.09, 1.10)"
         )
-    every = zip(*(values[path] for path in ordered), strict=True)
-    columns = [column for column in every if len(set(column)) > 1]
-    _check_decimals(ordered, columns)
-    return ordered, list(columns[0]) if len(columns) == 1 else []
+    every = enumerate(zip(*(values[path] for path in ordered), strict=True))
+    columns = {k: column for k, column in every if len(set(column)) > 1}
+    _check_decimals(ordered, [*columns.values()])
+    counting = [k for k, column in columns.items() if len(set(column)) == len(column)]
+    if len(counting) != 1:
+        return ordered, []
+    ordered = sorted(files, key=lambda path: values[path][counting[0]])
+    return ordered, [values[path][counting[0]] for path in ordered]
 
 
 def _check_decimals(files: Sequence[Path], columns: Sequence[tuple[Decimal, ...]]) -> None:

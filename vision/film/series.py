@@ -96,7 +96,7 @@ def _pictures(path: Path) -> tuple[Path, ...]:
 def _timed(files: Sequence[Path], fps: float | None) -> tuple[tuple[Path, ...], Array]:
     """Files of a folder in order, and their times (t,) s: of times.csv, else by their names."""
     table = files[0].parent / TIMES
-    if table.is_file():
+    if table.exists():
         return _tabled(table, files)
     if fps is None:
         raise ValueError(
@@ -105,12 +105,18 @@ def _timed(files: Sequence[Path], fps: float | None) -> tuple[tuple[Path, ...], 
         )
     ordered, numbers = in_order(files)
     if not numbers:
-        return tuple(ordered), np.arange(len(files)) / fps
+        raise ValueError(
+            f"{table.parent}: several numbers change in the names, as from {ordered[0].name} to "
+            f"{ordered[1].name}, and it is unknown which counts the pictures; name those of one camera by a "
+            f"pattern, such as cam1_*, or give {TIMES} with the columns file, time_s"
+        )
     return tuple(ordered), times_of_numbers(numbers, fps, where=table.parent)
 
 
 def _tabled(table: Path, files: Sequence[Path]) -> tuple[tuple[Path, ...], Array]:
     """Files in order, and their times (t,) s in a table, which orders names that have no order."""
+    if not table.is_file():
+        raise ValueError(f"{table} is no file: wanted the columns file, time_s")
     with open(table, newline="", encoding="utf-8-sig") as file:
         rows = list(csv.DictReader(file))
     named = bool(rows) and "file" in rows[0]

@@ -2,6 +2,9 @@
 started."""
 
 import re
+import socket
+import threading
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -70,12 +73,56 @@ def test_what_is_no_cluster_is_one_sentence(
         pytest.fail("it connected")
 
 
-def test_a_scheduler_that_is_not_there_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def said(port: socket.socket, answer: bytes) -> None:
+    """Who calls hears an answer, and nothing more."""
+    with port.accept()[0] as call:
+        call.sendall(answer)
+        call.settimeout(5.0)
+        while call.recv(1000):
+            pass
+
+
+@pytest.mark.parametrize(("answer", "told"), [
+    (None, "Timed out"), (b"", "nothing is said within"), (b"HTTP/1.0 400 Bad request\r\n\r\n", ""),
+])  # fmt: skip
+def test_a_port_without_a_scheduler_is_one_sentence(answer: bytes | None, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(clusters, "CONNECT_S", 0.2)
-    sentence = r"--cluster tcp://127\.0\.0\.1:1: no scheduler answers \(.*\); start one with `dask scheduler`"
-    with pytest.raises(ConnectionError, match=sentence), on_cluster("tcp://127.0.0.1:1", print):
-        pytest.fail("it connected")
+    monkeypatch.setattr(clusters, "CONNECT_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as port:
+        address = f"tcp://127.0.0.1:{port.getsockname()[1]}"
+        other = threading.Thread(target=said, args=(port, answer or b""))
+        if answer is None:
+            port.close()
+        else:
+            other.start()
+        sentence = rf"--cluster {address}: no scheduler answers \(.*{told}.*\); start one with `dask scheduler`"
+        begin = time.monotonic()
+        with pytest.raises(ConnectionError, match=sentence) as caught, on_cluster(address, print):
+            pytest.fail("it connected")
+        if answer is not None:
+            other.join()
+    assert "\n" not in str(caught.value)
+    assert time.monotonic() - begin < 10.0
+
+
+def sbatch(folder: Path, monkeypatch: pytest.MonkeyPatch, does: str) -> None:
+    """A command sbatch, and no other."""
+    (folder / "bin").mkdir()
+    (folder / "bin" / "sbatch").write_text(f"#!/bin/sh\n{does}\n", encoding="utf-8")
+    (folder / "bin" / "sbatch").chmod(0o700)
+    monkeypatch.setenv("PATH", str(folder / "bin"))
+
+
+def test_slurm_that_is_absent_or_refuses_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("dask_jobqueue")
+    monkeypatch.chdir(tmp_path)
+    Path("slurm.toml").write_text('jobs = 2\nmemory = "4GB"\n', encoding="utf-8")
+    sbatch(tmp_path, monkeypatch, "echo 'invalid partition' >&2; exit 1")
+    with pytest.raises(ConnectionError, match=r"SLURM takes no such job \(invalid partition\)"), on_cluster("slurm.toml", print):
+        pytest.fail("it began")
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(ValueError, match=r"slurm\.toml: this computer has no command sbatch"), on_cluster("slurm.toml", print):
+        pytest.fail("it began")
 
 
 @pytest.mark.parametrize(
@@ -172,7 +219,7 @@ def test_a_digest_of_sources_tells_names_and_contents(tmp_path: Path) -> None:
     assert len({first, second, sources_of(tmp_path, ("fe",))}) == 3
 
 
-def test_jobs_of_slurm_have_workers_of_one_thread(tmp_path: Path) -> None:
+def test_jobs_of_slurm_have_workers_of_one_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("dask_jobqueue")
     file = tmp_path / "slurm.toml"
     file.write_text(
@@ -180,6 +227,7 @@ def test_jobs_of_slurm_have_workers_of_one_thread(tmp_path: Path) -> None:
         'directives = ["--exclusive"]\nbefore = ["module load python"]\npython = "/opt/twin/bin/python"\n',
         encoding="utf-8",
     )
+    sbatch(tmp_path, monkeypatch, "exit 0")
     with slurm_jobs(replace_jobs(SlurmTable.read(file))) as cluster:
         script = cluster.job_script()
     lines = script.splitlines()

@@ -96,3 +96,10 @@ def test_other_offsets_are_no_air(tmp_path: Path, offset: float) -> None:
     (tmp_path / "p.csv").write_text("time_s,p [kPa]\n" + rows)
     found = read_log(tmp_path / "p.csv", time_shift_s=0.0)
     np.testing.assert_allclose(found.pressure, log().pressure + 1e-3 * offset, rtol=1e-5, atol=1e-12)
+
+
+@pytest.mark.parametrize("last", ["1e300", "2e8"])
+def test_times_that_no_test_lasts_are_refused(tmp_path: Path, last: str) -> None:
+    (tmp_path / "log.csv").write_text(f"time_s,p [kPa]\n0,0\n1,1\n{last},20\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=rf"log\.csv: the times cover {float(last):.3g} s; wanted 1e\+08 s at most".replace("e+", r"e\+")):
+        read_log(tmp_path / "log.csv", time_shift_s=0.0)

@@ -51,6 +51,8 @@ def test_options_of_an_object() -> None:
         ("cylinder:r=20,x=70,z=-30", "a cylinder has no r; wanted d, x, y, z, friction, spring, along"),
         ("sphere:d=40,x=70,z=-30", "no y; a sphere needs d, x, y, z"),
         ("plane:nx=0,ny=0,nz=0,distance=1", "a normal of no length"),
+        (f"{ROD},d=50", "d stands twice; wanted each key once"),
+        (f"{ROD},along=x,along=y", "along stands twice"),
         (f"{ROD},friction=-1", "friction=-1, wanted a coefficient from 0 to 2"),
         (f"{ROD},spring=0", "spring=0, wanted above 0 N/mm"),
         (f"{ROD},spring=1,along=w", "along='w', wanted x, y or z"),

@@ -234,7 +234,8 @@ def test_pictures_that_are_no_film(tmp_path: Path) -> None:
         (["000", "020", "040", "080"], 20.0, [0, 1, 2, 4]),  # every 20th, one missing
         (["000", "002", "005", "007"], 20.0, [0, 0.1, 0.25, 0.35]),  # some missing
         (["1.0001", "1.0002", "1.0003"], 20.0, [0, 0.05, 0.1]),  # counted behind a point
-        (["0001-3", "0002-17", "0003-20", "0005-20"], 20.0, [0, 0.05, 0.1, 0.15]),  # several: order alone
+        (["0001-3", "0002-17", "0003-20", "0005-20"], 20.0, [0, 0.05, 0.1, 0.2]),  # the one that differs in all
+        (["101502_0008", "101502_0009", "101503_0010"], 20.0, [0, 0.05, 0.1]),  # the clock's second beside it
     ],
 )  # fmt: skip
 def test_numbers_in_names_are_order_and_times(
@@ -253,6 +254,8 @@ def test_numbers_in_names_are_order_and_times(
         (["1.9", "1.10", "1.90"], "have the same number"),
         (["1.8", "1.9", "1.10"], "may have decimal numbers, or count behind the point"),
         (["1", "2", "-3"], "names of two forms"),
+        (["0_0001", "0_0002", "1_0001", "1_0002"], r"several numbers change in the names, as from frame0_0001\.png to frame0_0002"),
+        (["0001_0.05", "0002_0.10"], "it is unknown which counts the pictures"),
         (["000", "050", "100"], "go up by 50, which may be time stamps in ms or count pictures at fps = 20"),
         (["1000", "1130", "1255"], "neither count pictures nor are time stamps at fps = 20"),
         (["1.13", "2.2", "3.4"], "neither count pictures nor are time stamps at fps = 20"),
