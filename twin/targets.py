@@ -119,6 +119,7 @@ class Noise:
     gauge_frames: int  # samples of the log it was estimated from
     lasting: float = 1.0  # share of sd^2 that lasts from frame to frame; the rest is new in each
     basis: str = ""  # a sentence: what it rests on, where it is not a static film
+    freedom: float = math.inf  # degrees of freedom of a factor of all sds that the film itself told
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

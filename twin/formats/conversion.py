@@ -23,7 +23,8 @@ from twin.formats.supplied import (
 from twin.gauge.agreement import check_agrees
 from twin.gauge.pressurelog import Log
 from twin.gauge.synchrony import Motion
-from twin.judging.stillnoise import stated_noise, still_noise
+from twin.judging.scatter import with_own_noise
+from twin.judging.stillnoise import mean_variance, stated_noise, still_noise
 from twin.marktables import PointTable
 from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
@@ -63,11 +64,13 @@ def targets_of(
     targets = _assembled(np.round(every[keep], DIGITS), target_points, noise, time=time[keep],
                          pressure=pressure[keep], log=between, rest=np.searchsorted(keep, rest),
                          scale_sd=table.scale_sd if recorded.unit == PIXEL else None)  # fmt: skip
+    targets = with_own_noise(targets)
+    told = [targets.noise.basis] if targets.noise and (not table.sd_mm or targets.noise is not noise) else []
     moved = every[:, [p for p, point in enumerate(target_points) if point.kind is not PointKind.FIXED]]
     across = across_doubt(moved, table.axes or recorded.axes)
     remarks += [*_identities(recorded, position[:, chosen], chosen, time), *filter(None, (across, doubt))]
     remarks += _agreement(moved, time, read_course(recorded, table, time, log), noise, table)
-    sentences = [*_said(recorded, keep, len(position)), *remarks, *([] if table.sd_mm else [noise.basis])]
+    sentences = [*_said(recorded, keep, len(position)), *remarks, *told]
     return targets, [*sentences, *([] if targets.has_log else [NO_COURSE])]
 
 
@@ -135,8 +138,7 @@ def _modes(value: Array, points: Sequence[TargetPoint], noise: Noise, rest: int)
     if 3 * len(points) <= MOST_MODES:
         for p, i in np.argwhere(np.isfinite(value).any(axis=0)).tolist():
             mode = np.zeros_like(value)
-            alike = 1.0 if rest == 1 else (1 + noise.rho[p, i]) / (1 - noise.rho[p, i])
-            mode[:, p, i] = noise.sd[p, i] * np.sqrt(min(alike / rest, 1.0))
+            mode[:, p, i] = noise.sd[p, i] * np.sqrt(mean_variance(float(noise.rho[p, i]), rest))
             modes[f"reference:{points[p].name}:{i + 1}"] = np.where(np.isfinite(value), mode, 0.0)
     return modes
 

@@ -171,12 +171,13 @@ def fit_tests(
 
     The chi2 of everything; of it that of the gauge's errors alone, into which a misfit may creep that looks
     like another pressure, and that of all others, the picture's; and the omnibus test on smooth functions (n,
-    b), where there are any. They know from how many static frames, and samples of the resting log, the noise
-    was estimated.
+    b), where there are any. They know from how many static frames, values of the film itself, and samples of
+    the resting log, the noise was estimated.
     """
-    frames = targets.noise.frames if targets.noise else 10**6
+    frames, freedom = (targets.noise.frames, targets.noise.freedom) if targets.noise else (10**6, np.inf)
     values = w.valid.sum(axis=0)
-    nu = np.full(len(values), float(frames - 2))
+    # A factor that all components share errs in all of them at once.
+    nu = np.full(len(values), 1 / (1 / (frames - 2) + len(values) / freedom))
 
     def test(name: str, chi2: float, free: Array, frames: Array) -> FitTest:
         p = chi2_test(chi2, free, frames)

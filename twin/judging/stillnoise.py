@@ -22,11 +22,20 @@ def stated_noise(value: Array, sd_mm: float, rho: float = 0.0) -> Noise:
     """The noise model that an sd states for values (s, p, 3) mm: of each by itself, and from step to step
     correlated by rho."""
     seen = np.isfinite(value).any(axis=0)
-    how = f"correlated by {rho:g} from step to step" if rho else "each value by itself"
-    sentence = f"The noise is taken as stated, an sd of {sd_mm:g} mm, {how}: "
+    sentence = f"The noise is taken as stated, an sd of {sd_mm:g} mm{correlated(rho)}: "
     sentence += "the verdict holds if that is right."
     sd = np.where(seen, sd_mm, np.nan)
     return _noise(sd, np.where(seen, rho, np.nan), np.eye(sd.size), STATED, sentence)
+
+
+def correlated(rho: float) -> str:
+    """How values hang together from step to step, in words after a comma."""
+    return f", correlated by {rho:.2g} from step to step" if rho else ", each value by itself"
+
+
+def mean_variance(rho: float, count: int) -> float:
+    """The variance of a mean of so many values over that of one: of an autoregression with rho."""
+    return min((1 + rho) / (1 - rho) / count, 1.0)
 
 
 def still_noise(value: Array, pressure: Array, still: Still) -> Noise:

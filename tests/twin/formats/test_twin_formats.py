@@ -193,15 +193,19 @@ def still_table(folder: Path, *, sd: float, seed: int = 0) -> Recorded:
 
 def test_an_sd_that_is_stated_is_the_noise_model(tmp_path: Path) -> None:
     found = still_table(tmp_path, sd=0.05)
-    targets, remarks = made(tmp_path, found, stated("csv", sd_mm=0.05, rho=0.3), tip=1, middle=2)
+    corrected, said = made(tmp_path, found, stated("csv", sd_mm=0.05, rho=0.5), tip=1, middle=2)
+    assert corrected.noise is not None
+    assert said == [corrected.noise.basis]
+    assert "correlated by 0.5 from step to step. From step to step the film scatters by" in said[0]
+    np.testing.assert_allclose(corrected.noise.rho[:, [0, 2]], 0.0, atol=0.1)
+    targets, remarks = made(tmp_path, found, stated("csv", sd_mm=0.05), tip=1, middle=2)
     noise = targets.noise
     assert noise is not None
     np.testing.assert_array_equal(noise.sd, [[0.05, np.nan, 0.05]] * 2)
-    np.testing.assert_allclose(noise.rho[:, [0, 2]], 0.3)
+    np.testing.assert_allclose(noise.rho[:, [0, 2]], 0.0)
     np.testing.assert_array_equal(noise.correlation, np.eye(6))
     assert noise.basis == (
-        "The noise is taken as stated, an sd of 0.05 mm, correlated by 0.3 from step to step: the verdict holds if "
-        "that is right."
+        "The noise is taken as stated, an sd of 0.05 mm, each value by itself: the verdict holds if that is right."
     )
     assert remarks == []
     assert _refusal(targets) == ""

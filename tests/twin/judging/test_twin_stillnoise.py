@@ -84,10 +84,16 @@ def folder(path: Path, noise: str) -> Path:
 
 def test_targets_by_hand_state_their_noise_in_a_line(tmp_path: Path) -> None:
     assert read_targets(folder(tmp_path / "none", "")).noise is None
-    told = read_targets(folder(tmp_path / "told", "[noise]\nsd_mm = 0.03\nrho = 0.2\n"))
+    told = read_targets(folder(tmp_path / "told", "[noise]\nsd_mm = 0.02\n"))
     assert told.noise is not None
-    np.testing.assert_array_equal(told.noise.sd, [[0.03, np.nan, 0.03]])
-    np.testing.assert_allclose(told.covariance[:, 0, 0, 0], 0.03**2)  # no value is known better than its noise
+    np.testing.assert_array_equal(told.noise.sd, [[0.02, np.nan, 0.02]])
+    np.testing.assert_allclose(told.covariance[:, 0, 0, 0], 0.02**2)  # no value is known better than its noise
+    wrong = read_targets(folder(tmp_path / "wrong", "[noise]\nsd_mm = 0.03\nrho = 0.2\n"))
+    assert wrong.noise is not None
+    sd = wrong.noise.sd[0, 0]
+    assert sd == pytest.approx(0.02, rel=0.2)
+    np.testing.assert_allclose(wrong.covariance[:, 0, 0, 0], sd**2)
+    assert f"correlated by 0.2 from step to step. From step to step the film scatters by {sd:.3g} mm" in wrong.noise.basis
     still = read_targets(folder(tmp_path / "still", '[noise]\nstill_steps = "holds"\n'))
     assert still.noise is not None
     assert still.noise.sd[0, 0] == pytest.approx(0.02, rel=0.15)
