@@ -1,4 +1,4 @@
-"""All that is planted in the small drawn project, and what `twin check`, `camera` and `measure` say of it."""
+"""All that is planted, in the small drawn project and in files of other programs, and what commands say of it."""
 
 import re
 import shutil
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tests.strangers import logs, mistakes, recordings, statements
+from tests.strangers import logs, mistakes, others, recordings, statements
 from tests.strangers.planting import Plant
 from tests.strangers.studio import make
 from twin.commands.camera import run_camera
@@ -103,15 +103,34 @@ def all_told(plants: Mapping[str, Plant]) -> list[Told]:
         return [told(name, plant, base=base, folder=Path(place)) for name, plant in plants.items()]
 
 
+def others_told(tries: Mapping[str, others.Try]) -> list[Told]:
+    """What the program said of each file of another program, deck or test of the silicone."""
+    told = []
+    for name, put in tries.items():
+        said = Lines()
+        with tempfile.TemporaryDirectory() as place:
+            try:
+                put(Path(place), said)
+                sentence = ""
+            except ValueError as error:
+                sentence = str(error)
+        told.append(Told(name, bool(sentence), "init, check or measure" if sentence else "nothing", sentence, tuple(said)))
+    return told
+
+
 def wrong_figures() -> dict[str, Any]:
     """`planted`: mistakes and doubtful things; `accepted_wrong`: those that passed, or without a word;
     `told_wrong_cause`: those of which something else was said; and the sentence of each."""
     planted = everything()
     refused = all_told({name: plant for name, (plant, _) in planted.mistakes.items()})
+    refused += others_told({name: put for name, (put, _) in others.MISTAKES.items()})
     doubted = all_told({name: plant for name, (plant, _) in planted.doubtful.items()})
+    doubted += others_told({name: put for name, (put, _) in others.DOUBTFUL.items()})
+    cause = {name: sentence for name, (_, sentence) in {**planted.mistakes, **others.MISTAKES}.items()}
+    doubt = {name: sentence for name, (_, sentence) in {**planted.doubtful, **others.DOUBTFUL}.items()}
     accepted = [t.name for t in refused if not t.refused]
-    other = [t.name for t in refused if t.refused and not re.search(planted.mistakes[t.name][1], t.sentence)]
-    untold = [t for t in doubted if not is_told(t, planted.doubtful[t.name][1])]
+    other = [t.name for t in refused if t.refused and not re.search(cause[t.name], t.sentence)]
+    untold = [t for t in doubted if not is_told(t, doubt[t.name])]
     accepted += [t.name for t in untold if not t.remarks and not t.refused]
     other += [t.name for t in untold if t.name not in accepted]
     return {
@@ -123,4 +142,4 @@ def wrong_figures() -> dict[str, Any]:
 
 def refused_right() -> dict[str, str]:
     """Unusual projects that are right, each with the sentence it was refused with, "" where it passed."""
-    return {t.name: t.sentence for t in all_told(everything().right)}
+    return {t.name: t.sentence for t in [*all_told(everything().right), *others_told(others.RIGHT)]}

@@ -133,14 +133,15 @@ def former_fit(project: Project, effects: Sequence[str]) -> FitRecord | None:
 
 
 def named_effects(project: Project) -> list[str]:
-    """The effects that the newest diagnosis names. ValueError without one that still holds."""
+    """The effects that the newest diagnosis names; none in a tie. ValueError without one that still holds."""
     path = fresh(project, ("diagnose",), "diagnosis.json")
     if path is None:
         why = stale_sentences(project, ("diagnose",), "diagnosis.json")
         raise ValueError(f"{why[0] if why else 'no diagnosis yet'}; run twin diagnose, or name the effect")
     from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 
-    named = files.read(DiagnosisRecord, path).named
+    record = files.read(DiagnosisRecord, path)
+    named = () if record.ties else record.named
     try:
         return [checked_groups(label) for label in named]
     except ValueError as error:

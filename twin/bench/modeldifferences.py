@@ -1,5 +1,7 @@
-"""Differences between the models of two projects: body, mesh, weight, object and engine; and effects."""
+"""What two projects differ in: body, mesh, weight, object, engine and effects; and films that they share."""
 
+from collections.abc import Iterable, Iterator
+from fnmatch import fnmatch
 from hashlib import sha256
 
 from twin.judging.fitrecord import FitRecord
@@ -22,6 +24,23 @@ def other_models(a: Project, b: Project) -> tuple[str, ...]:
         "correct one "
         "of the two twin.toml: constants of different models cannot be compared.",
     )
+
+
+def same_films(projects: Iterable[Project]) -> Iterator[str]:
+    """Sentences on films, or other programs' files, whose equal bytes several batches are measured from."""
+    known: dict[str, str] = {}  # by digest, the batch that had it first
+    for project in projects:
+        name, source, foreign = project.root.name, project.source(), project.config.imported
+        stated = [*(c.film for c in project.config.cameras), *([foreign.file] if foreign else [])]
+        runs = {source.run, *(film.run for film in source.films)} - {None, ""}
+        for run in sorted(project.root / "runs" / str(run) for run in runs):
+            for file, digest in project.info(run).inputs.items():
+                if not any(fnmatch(file, film) or file.startswith(f"{film}/") for film in stated):
+                    continue
+                if (first := known.setdefault(digest, name)) != name:
+                    yield (f"{first} and {name} are measured from the same film, of equal bytes ({file}): "
+                           "they are one measurement. Is one of them a copy by mistake?")  # fmt: skip
+                    break
 
 
 def _dimensions(project: Project) -> dict[str, object]:

@@ -7,9 +7,10 @@ from typer import Argument
 
 from twin.bench.effectchange import change_effects
 from twin.bench.effectlaws import laws_of
-from twin.bench.fits import named_effects, newest_fit
+from twin.bench.fits import named_effects, newest, newest_fit
 from twin.bench.workbench import Workbench
 from twin.calibrated.effectstarts import Start, begun, nominal
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.effects.labels import AND, name_of
 from twin.effects.protocol import Effect
 from twin.messages import Say
@@ -28,11 +29,15 @@ def run_add(
     diagnosis' fit where it has one, else fitted.
 
     A name is as a verdict states it, `creep` or `creep + gravity`. Where there is none, and the newest
-    diagnosis names no effect, nothing is added.
+    diagnosis names no effect or several that it cannot tell apart, nothing is added.
     """
     verdict = AND.join(named_effects(project)) if not names else ""
     if not names and not verdict:
-        say("The diagnosis names no effect: nothing is added.")
+        found = newest(project, DiagnosisRecord)
+        why = "The diagnosis names no effect: nothing is added."
+        if found and found.ties:
+            why = f"{found.sentence} Nothing is added: name one, as in `twin add {found.named[0]}`."
+        say(why)
         return {"stage": "add", "status": "skipped", "named": []}
     return one_after_another(_add, project, say, names or [verdict])
 

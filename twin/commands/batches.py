@@ -14,7 +14,7 @@ from twin import files
 from twin.batches.series import Opened, batches_in
 from twin.batches.values import BatchValue, values_of
 from twin.bench.fits import fit_file, newest
-from twin.bench.modeldifferences import other_models
+from twin.bench.modeldifferences import other_models, same_films
 from twin.csvtable import as_text
 from twin.diagnosis.diagnosisrecord import NONE, DiagnosisRecord
 from twin.judging.fitrecord import FitRecord
@@ -89,7 +89,9 @@ def run_batches(
     tested, untested = drifts(batches)
     fitted = [path for path, batch in zip(paths, batches, strict=True) if not batch.problem]
     apart = other_models(*map(opened, fitted[-2:])) if len(fitted) > 1 else ()
-    lines = [*apart, *sentences(batches, tested), *untested]
+    lines = [*apart, *same_films(map(opened, fitted)), *sentences(batches, tested), *untested]
+    if len(fitted) == 2:
+        lines.append(f"`twin compare {' '.join(map(files.typed, fitted))}` lays the two side by side.")
     files.write_text(folder / TABLE, _csv(batches))
     files.write_text(folder / PAGE, _page(folder.resolve().name, batches, tested, lines))
     for row in batches:

@@ -232,7 +232,7 @@ def _check_points(project: Project, targets: Targets) -> None:
             f"targets point {unknown[0]!r} has no place on the finger: add it to [[points]] in twin.toml "
             "with its position_mm or its node"
         )
-    for name in project.config.calibrate.objective_points:
+    for name in project.config.objective_points:
         if name not in targets.names:
             raise ValueError(
                 f"calibrate.objective_points = {name!r}: targets have {', '.join(targets.names)}"

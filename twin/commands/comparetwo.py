@@ -9,7 +9,7 @@ from twin.batches.series import Opened
 from twin.batches.side import Laid, write_side_by_side
 from twin.batches.values import BatchChange, BatchValue, changes_of, values_of
 from twin.bench.fits import fit_file, newest
-from twin.bench.modeldifferences import other_effects, other_models
+from twin.bench.modeldifferences import other_effects, other_models, same_films
 from twin.diagnosis.diagnosisrecord import NONE, DiagnosisRecord
 from twin.judging.fitrecord import ComparisonRecord, FitRecord
 from twin.messages import Say
@@ -30,7 +30,8 @@ def run_side_by_side(two: Sequence[Path], say: Say, *, opened: Opened = Project.
     a, b = (side_of(path, opened) for path in two)
     changes = changes_of(a.values, b.values)
     effects = other_effects(a.project, a.record, b.project, b.record)
-    sentences = [*other_models(a.project, b.project), *(c.words for c in changes), *effects]
+    films = same_films((a.project, b.project)) if a.project.root != b.project.root else ()
+    sentences = [*other_models(a.project, b.project), *films, *(c.words for c in changes), *effects]
     page = Path(f"compare-{_plain(a.name)}-{_plain(b.name)}.html")
     replaced = " in place of the former one" if page.exists() else ""
     files.write_text(page, _page(a, b, changes, sentences))

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from typer import Argument, Option
 
 from fe.mesh.finger import NAMED_NODES
@@ -20,7 +21,7 @@ from twin.gauge.pressuretable import PressureTable
 from twin.marktables import FrameTable, MarkerTable, PointTable
 from twin.messages import Say
 from twin.project.cameratables import BoardTable, CameraTable
-from twin.project.config import CalibrateTable, Config, ProjectTable
+from twin.project.config import CalibrateTable, Config, ProjectTable, usual_objective
 from twin.project.folder import Project, named_after
 from twin.project.targetfiles import read_targets
 from twin.project.toml import dump, write
@@ -30,6 +31,8 @@ from twin.validation import checked
 
 if TYPE_CHECKING:
     from fe.deck.reader import Deck
+
+TIP = (110.0, 11.5, 0.0)  # mm, of the finger whose dimensions are not stated
 
 
 def run_init(
@@ -91,7 +94,8 @@ def run_init(
     name = named_after(folder)
     missing_keys: dict[str, str] = {}
     if targets is None:
-        config = film_config(name, builtin_points | node_points)
+        places = shape.body.places if shape else {}
+        config = film_config(name, builtin_points | node_points, places.get("tip", TIP))
     elif form is None and (targets / "targets.csv").is_file():
         config = targets_config(name, _read(targets, node_points), builtin_points | node_points)
     else:
@@ -202,7 +206,7 @@ def import_config(
     keys = {"file": f"raw/{targets.name}", "format": form, "axes": recorded.axes or None, "sd_mm": sd_mm,
              "still_steps": still}  # fmt: skip
     table = checked(ImportTable, keys, name="--targets, --format, --sd-mm, --still")
-    objective = _objective(tuple(p.name for p in points))
+    objective = usual_objective(points)
     config = Config(
         project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective)
     )
@@ -297,7 +301,7 @@ def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]
     points = tuple(point for point in points_of.values() if point is not None)
     if not points:
         raise ValueError("targets: all points are fixed markers; wanted at least one on the finger")
-    objective = _objective(tuple(p.name for p in points))
+    objective = usual_objective(points)
     component: Any = 1 + moving_component(targets, objective)
     calibrate = CalibrateTable(objective_points=objective, objective_component=component)
     return Config(project=ProjectTable(name=name), points=points, calibrate=calibrate)
@@ -317,10 +321,6 @@ def _named(point: TargetPoint) -> PointTable | None:
         ) from None
 
 
-def _objective(names: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(n for n in NAMED_NODES if n in names) or names
-
-
 def _own_mesh(deck: Path, node_points: Mapping[str, PointTable], *, ask: bool) -> "Deck":
     """The mesh of a deck; ValueError where it is not right.   ask: points have to be named, as no targets
     name them."""
@@ -335,16 +335,21 @@ def _own_mesh(deck: Path, node_points: Mapping[str, PointTable], *, ask: bool) -
     return sound_deck(deck)
 
 
-def film_config(name: str, stated: Mapping[str, PointTable] | None = None) -> Config:
+def film_config(
+    name: str, stated: Mapping[str, PointTable] | None = None, tip: tuple[float, float, float] = TIP
+) -> Config:
     """A configuration for one film, to be filled in: the values of a typical rig stand in it.
 
-    stated: the points by name; by default tip and middle of the built-in finger.
+    stated: the points by name; by default tip and middle of the built-in finger.   tip: place of the body's
+    tip, mm, around which the rig is.
     """
     named = stated or {point: PointTable(name=point, node=node) for point, node in NAMED_NODES.items()}
-    rig = [(x, z) for z in (12.0, -75.0) for x in (-20.0, 15.0, 50.0, 85.0, 120.0)]
+    length, y, z = tip
+    stations = np.linspace(-20.0, length + 10.0, 5).round(1).tolist()
+    rig = [(x, z + up) for up in (12.0, -75.0) for x in stations]
     markers = tuple(
         MarkerTable(marker=20 + i, name=f"R{i + 1:02d}", role="fixed" if i % 5 in (1, 3) else "frame",
-                    position_mm=(x, 12.0, z), size_mm=8.0)
+                    position_mm=(x, y + 0.5, z), size_mm=8.0)
         for i, (x, z) in enumerate(rig)
     )  # fmt: skip
     camera = CameraTable(
@@ -357,7 +362,7 @@ def film_config(name: str, stated: Mapping[str, PointTable] | None = None) -> Co
     )
     return Config(project=ProjectTable(name=name), cameras=(camera,), pressure=PressureTable(),
                   frame=FrameTable(markers=markers), points=points,
-                  calibrate=CalibrateTable(objective_points=_objective(tuple(named))))  # fmt: skip
+                  calibrate=CalibrateTable(objective_points=usual_objective(points)))  # fmt: skip
 
 
 def _point(text: str) -> PointTable:

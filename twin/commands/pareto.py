@@ -81,7 +81,7 @@ def run_pareto(
     file = fit_file(project)
     fit = files.read(FitRecord, file).fit
     bench = Workbench.of(project)
-    text = objectives or ",".join(project.config.calibrate.objective_points)
+    text = objectives or ",".join(project.config.objective_points)
     masks = masks_of(text, bench.targets, film_names(project))
     inputs = [project.targets_folder, *project.deck_files(), *project.effect_files()]
     extra = {"objectives": list(masks), "fit": file.parent.name}

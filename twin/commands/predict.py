@@ -385,18 +385,19 @@ def _cell(row: PredictedPoint, axis: int) -> str:
 
 
 def _table(record: PredictionRecord) -> list[str]:
-    """A line a pressure and point, then the turn of the tip; +- is half of the 95 % interval."""
-    rows, turns = [], []
+    """A line a pressure and point, with the turn of the tip in its first; +- is half of the 95 % interval."""
+    rows = []
     for angle in record.angles:
         pressure = f"{1e3 * angle.pressure_MPa:.4g} kPa"
         at_once = [
             r for r in record.points if (r.pressure_MPa, r.time_s) == (angle.pressure_MPa, angle.time_s)
         ]
-        rows += [(pressure, row.point, *(_cell(row, axis) for axis in range(3))) for row in at_once]
         half = "" if angle.low is None or angle.high is None else f" +- {(angle.high - angle.low) / 2:.1f}"
-        turns.append(f"At {pressure} the tip turns by {angle.degrees:.1f}{half} degrees.")
-    head = ("pressure", "", *(f"{axis}, mm" for axis in AXES))
-    return [*DataTable(head, list(dict.fromkeys(rows))).lines("><>"), *dict.fromkeys(turns)]
+        turns = [f"{angle.degrees:.1f}{half}", *[""] * len(at_once)]
+        rows += [(pressure, row.point, *(_cell(row, axis) for axis in range(3)), turn)
+                 for row, turn in zip(at_once, turns)]  # fmt: skip
+    head = ("pressure", "", *(f"{axis}, mm" for axis in AXES), "tip turns, degrees")
+    return DataTable(head, list(dict.fromkeys(rows))).lines("><>")
 
 
 def _csv(record: PredictionRecord) -> str:

@@ -40,7 +40,7 @@ def run_study(project: Project, say: Say) -> dict[str, Any]:
 
 def _check(project: Project) -> None:
     """Raise ValueError where a project cannot give the seven figures."""
-    config, points = project.config, list(project.config.calibrate.objective_points)
+    config, points = project.config, list(project.config.objective_points)
     if (law := law_of_project(project)) != MOONEY_RIVLIN:
         raise ValueError(
             f'model.law = "{law.name}": twin study shows how the constants of {MOONEY_RIVLIN.title} rubber '

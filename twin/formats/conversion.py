@@ -95,7 +95,10 @@ def _agreement(moved: Array, time: Array, course: Log | None, noise: Noise, tabl
     remedy = "Correct the times of the file"
     if table.fps is not None:
         remedy = f"Correct fps = {table.fps:g} under [import]"
-    return [*check_agrees(motion, course, float(time[0]), stated=True, key="import.start_s", remedy=remedy)]
+    start = float(time[0])
+    return [
+        *check_agrees(motion, course, start, stated=True, key="import.start_s", remedy=remedy, moves="file")
+    ]
 
 
 def _noise(value: Array, pressure: Array, table: ImportTable, *, thinned: float) -> Noise:

@@ -36,14 +36,14 @@ class OtherRate:
 
 def check_agrees(
     motion: Motion, log: Log, start_s: float, *, stated: bool, key: str = "film_start_s",
-    remedy: str = ORIGINAL,
+    remedy: str = ORIGINAL, moves: str = "film",
 ) -> tuple[str, ...]:
     """Sentences where the motion is a little early or late. Raises ValueError where the finger rests while
     the pressure rises, moves while it rests, or moves as the pressure does at another time or at another
     rate.
 
     start_s: time of the film's first frame on the log's clock.   stated: whether the user states it, as `key`
-    of twin.toml.   remedy: of a film at another rate.
+    of twin.toml.   remedy: of a film at another rate.   moves: what shows the motion.
 
     At each shift of the clocks a cubic of the pressure is fitted to the motion; only another time more than
     3.5 s away is refused, beyond what a lag of finger or clock can be, or more than 2.5 s where as stated the
@@ -58,9 +58,9 @@ def check_agrees(
     least = max(MOVES_MM, MOVES * motion.noise_mm)
     if moved < least and rise > RISES_MPA:
         raise ValueError(
-            f"the finger does not move: {moved:.2g} mm in the film, while {log.path.name} rises by "
-            f"{rise:.3g} MPa from {span}; wanted {least:.2g} mm or more; are film and log of one test, is "
-            "the unit of the pressure right, and is the valve open?"
+            f"the finger does not move: {moved:.2g} mm in the {moves}, while {log.path.name} rises by "
+            f"{rise:.3g} MPa from {span}; wanted {least:.2g} mm or more; are {moves} and log of one test, "
+            "are the units of pressure and lengths right, and is the valve open?"
         )
     if moved < least:
         return ()
@@ -83,10 +83,10 @@ def check_agrees(
         )
     if now < LEAST and (most < FITS or away > AWAY_S):
         raise ValueError(
-            f"the finger moves by {moved:.2g} mm in the film, and {log.path.name} does not say why: from "
+            f"the finger moves by {moved:.2g} mm in the {moves}, and {log.path.name} does not say why: from "
             f"{span} its pressure changes by {rise:.2g} MPa (by {np.ptp(log.pressure):.2g} MPa in all), "
-            f"which explains {100 * now:.0f} % of the motion, wanted {100 * LEAST:.0f} % or more; are film "
-            f"and log of one test, and is {key} right (time of the film's first frame on the "
+            f"which explains {100 * now:.0f} % of the motion, wanted {100 * LEAST:.0f} % or more; are "
+            f"{moves} and log of one test, and is {key} right (time of the film's first frame on the "
             "clock of the log)?"
         )
     if remarks or not stated or not CLOCK_S < away <= AWAY_S or 1 - now < max(LITTLE, TOLD * (1 - most)):

@@ -1,6 +1,7 @@
 """Turn twin.toml into a checked, frozen configuration; one field here is one key there."""
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -285,11 +286,37 @@ class Config(TableModel):
         """The node labels of the points that have one, by name."""
         return {point.name: point.node for point in self.points if point.node is not None}
 
+    @property
+    def objective_points(self) -> tuple[str, ...]:
+        """The points whose RMS error the genetic algorithm minimises."""
+        stated = self.calibrate.objective_points
+        free = "objective_points" not in self.calibrate.model_fields_set
+        return usual_objective(self.points) if free else stated
+
     @model_validator(mode="after")
     def _fits(self) -> Self:
         for check in (_check_names, _check_parameters, _check_film, check_films):
             check(self)
         return self
+
+
+def usual_objective(points: Sequence[PointTable]) -> tuple[str, ...]:
+    """Names of tip and middle; without these of the outermost point, and of that nearest to half of its way.
+    Points at nodes alone are taken as listed, the outermost last.
+
+    >>> row = [PointTable(name=f"p{k}", position_mm=(10.0 * k, 0.0, 0.0)) for k in (5, 1, 2, 3)]
+    >>> usual_objective(row)
+    ('p5', 'p2')
+    """
+    names = [point.name for point in points]
+    if {"tip", "middle"} <= {*names}:
+        return ("tip", "middle")
+    x = [k + 1.0 if p.position_mm is None else p.position_mm[0] for k, p in enumerate(points)]
+    if len({point.position_mm is None for point in points}) > 1:
+        x = [k + 1.0 for k in range(len(points))]
+    outermost = max(x)
+    middle = min(range(len(x)), key=lambda k: abs(x[k] - 0.5 * outermost))
+    return tuple(dict.fromkeys((names[x.index(outermost)], names[middle])))
 
 
 def _check_names(c: Config) -> None:
@@ -310,7 +337,7 @@ def _check_names(c: Config) -> None:
             raise ValueError(
                 f"{key} = {twice[0]!r} stands twice in [[points]] and [[frame.markers]]; give each its own"
             )
-    for name in c.calibrate.objective_points:
+    for name in c.objective_points:
         if name not in [p.name for p in c.points]:
             raise ValueError(
                 f"calibrate.objective_points = {name!r}: wanted a name in [[points]], which has "

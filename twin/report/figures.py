@@ -126,7 +126,7 @@ def _over_time(story: Story) -> list[Picture]:
 def _rows(story: Story) -> list[int]:
     """The rows of the markers that are shown: of the objective, else the last two."""
     t, rows = story.targets, np.flatnonzero(~story.targets.fixed)
-    objective = [r for r in rows if t.names[r] in story.project.config.calibrate.objective_points]
+    objective = [r for r in rows if t.names[r] in story.project.config.objective_points]
     return [int(r) for r in objective or rows[-2:]]
 
 

@@ -53,9 +53,9 @@ class OnPaths:
         wide: over all shapes that a fit may end at; held: of one shape alone, as by default of a law that
         load paths do not serve: the nominal one.
         """
-        table = bench.project.config.calibrate
+        config, table = bench.project.config, bench.project.config.calibrate
         rows = np.flatnonzero(~bench.targets.fixed)
-        objective = Objective.of(bench.targets, table.objective_points, table.objective_component - 1)
+        objective = Objective.of(bench.targets, config.objective_points, table.objective_component - 1)
         return OnPaths(bench, _load_paths(bench, rows, wide, held, say), rows, objective)
 
     def holding(self, fit: Fit, say: Say) -> "OnPaths":

@@ -73,7 +73,7 @@ class Reference:
         """The record of all results, in numbers and words."""
         on, o, best = self.on, self.on.objective, self.best
         project = on.bench.project
-        table, names = project.config.study or StudyTable(), project.config.calibrate.objective_points
+        table, names = project.config.study or StudyTable(), project.config.objective_points
         sd_mm, reduction = o.sd_mm(on.bench.targets), table.published_reduction_percent
         initial, final = self.side(MOONEY_RIVLIN.of(table.initial or NOMINAL.named)), self.side(best)
         starts = [(s, 100.0 * (1.0 - final.rms_mm / s.rms_mm)) for s in (initial, *self.starts(initial))]

@@ -222,6 +222,12 @@ def test_nothing_is_added_where_the_diagnosis_names_no_effect(root: Path) -> Non
         run.write_json("diagnosis.json", {"verdict": "adequate", "named": []})
     assert run_add(project, say)["status"] == "skipped"
     assert say == ["The diagnosis names no effect: nothing is added."]
+    with project.new_run("diagnose") as run:
+        tie = {"verdict": "creep or mullins", "sentence": "These data cannot tell creep from mullins.", "named": ["creep"], "ties": [["creep", "mullins"]]}
+        run.write_json("diagnosis.json", tie)
+    assert named_effects(project) == []  # of recalibrate and check
+    assert run_add(project, say)["status"] == "skipped"
+    assert say[1] == "These data cannot tell creep from mullins. Nothing is added: name one, as in `twin add creep`."
     edit(root, 'candidates = ["creep"]', 'candidates = ["clamp"]')
     with pytest.raises(ValueError, match=saying(r"\[diagnose\]", "twin.toml")):
         named_effects(Project.open(root))

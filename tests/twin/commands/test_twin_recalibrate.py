@@ -15,10 +15,11 @@ from rerun.chunk import RrdReader
 
 from calibrate import Fit, Parameter
 from tests.messages import saying, says
-from twin import chain, cli
+from twin import chain, cli, files
 from twin.batches.former import camera_kept
 from twin.batches.series import batches_in, earlier_facts
 from twin.batches.values import SHARE, SUM, changes_of, values_of
+from twin.bench.modeldifferences import same_films
 from twin.commands import recalibrateall
 from twin.commands.batches import run_batches
 from twin.commands.calibrate import _former_values
@@ -28,6 +29,7 @@ from twin.commands.recalibrate import run_recalibrate
 from twin.commands.recalibrateall import recalibrate_all
 from twin.commands.trust import run_trust
 from twin.executors.local import using
+from twin.formats.importtable import ImportTable
 from twin.judging.fitrecord import FitRecord
 from twin.marktables import PointTable
 from twin.project.config import Config, ProjectTable
@@ -462,6 +464,21 @@ def test_too_few_batches_are_listed_and_not_tested(batch, stages, say, tmp_path)
     assert (result["tests"], result["batches"]) == ([], ["b-0", "b-1", "b-2"])
     assert any("C10 + C01 is not tested: 1 former batches have it" in line for line in say.lines)
     assert any(line.startswith("b-0: no fit in this project") for line in say.lines)
+    assert f"`twin compare {tmp_path}/b-1 {tmp_path}/b-2` lays the two side by side." in say.lines
+
+
+def test_equal_films_of_two_batches_are_told(batch):
+    films = {"b-1": "the same", "b-2": "another", "b-3": "the same"}
+    projects = [batch(name, imported=ImportTable(file="raw/film.csv", format="csv")) for name in films]
+    for project, text in zip(projects, films.values(), strict=True):
+        project.path("raw").mkdir()
+        for file in ("film.csv", "log.csv"):  # one log of two films is right
+            project.path(f"raw/{file}").write_text(text if file == "film.csv" else "a log")
+        with project.new_run("measure", inputs=[project.path("raw/film.csv"), project.path("raw/log.csv")]) as run:
+            files.write_json(project.targets_folder / "source.json", {"run": run.name})
+    (told,) = same_films(projects)
+    assert told.startswith("b-1 and b-3 are measured from the same film, of equal bytes (raw/film.csv)")
+    assert not [*same_films(projects[:2])]
 
 
 @pytest.mark.parametrize(

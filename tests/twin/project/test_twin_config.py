@@ -113,7 +113,10 @@ def test_a_config_is_frozen():
         ),
         (TEXT.replace("node = 5848", "node = 4401"), "node = 4401 stands twice"),
         (TEXT.replace("middle", "tip"), "name = 'tip' stands twice"),
-        (TEXT.replace("middle", "centre"), "objective_points = 'middle': wanted a name in .*tip, centre"),
+        (
+            TEXT.replace("middle", "centre") + '[calibrate]\nobjective_points = ["middle"]\n',
+            "objective_points = 'middle': wanted a name in .*tip, centre",
+        ),
         (TEXT.replace("[]", '["Creep 2"]'), "model.effects.*'Creep 2'.*creep:2"),
         (TEXT.replace("[]", '["creep", "creep:2"]'), "an effect stands twice"),
         (
