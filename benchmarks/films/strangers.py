@@ -3,11 +3,11 @@
     python benchmarks/films/strangers.py [--quick] [--only PART ...] [--json]
 
 What is planted stands in tables under tests/strangers, which the tests read, too. mistakes: planted in a
-drawn project, each with the sentence it got. right: unusual inputs that must pass, photographs among them.
-folders: links and scripts in a folder from a stranger. fuzz: damaged files for every reader. faults: kills,
-interrupts and a full disk in every stage; kills, interrupts, disk: each of these alone. coding: `coding.py`,
-pulls on film as phones code it, and the speed. --quick: fewer of each, but all damaged files. Without it
-kills take about half an hour.
+drawn project, and in files of other programs, each with the sentence it got. right: unusual inputs that must
+pass, photographs among them. folders: links and scripts in a folder from a stranger. old_project: a project
+of a former release. fuzz: damaged files for every reader. faults: kills, interrupts and a full disk in every
+stage; kills, interrupts, disk: each of these alone. coding: `coding.py`, pulls on film as phones code it, and
+the speed. --quick: fewer of each, but all damaged files. Without it kills take about half an hour.
 """
 
 import os
@@ -18,7 +18,7 @@ sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.commandline import Part, parts
 from benchmarks.films import coding
 
-from tests.strangers import fuzz, kills, pages, planted, received, right
+from tests.strangers import fuzz, kills, older, pages, planted, received, right
 
 CASES = 20_000
 
@@ -53,6 +53,7 @@ PARTS: dict[str, Part] = {
     "mistakes": mistakes,
     "right": unusual,
     "folders": folders,
+    "old_project": lambda quick: older.figures(),
     "fuzz": lambda quick: fuzz.fuzz(CASES).figures(),
     "coding": coding.figures,
     "faults": faults,

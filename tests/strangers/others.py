@@ -254,3 +254,9 @@ RIGHT: dict[str, Try] = {
     "a tester's file": specimen(pulled()),
     "a tester's file with lines above": specimen("Rate 1;450\n\n" + pulled(head="Extension;Load\n(mm);(N)").replace(",", ";")),
 }  # fmt: skip
+
+
+def everything() -> dict[str, Try]:
+    """All of these."""
+    wrong = {name: put for name, (put, _) in {**MISTAKES, **DOUBTFUL}.items()}
+    return {**wrong, **RIGHT}

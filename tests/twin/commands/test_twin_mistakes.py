@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.few import few
-from tests.strangers import mistakes, planted, planting, studio
+from tests.strangers import mistakes, others, planted, planting, studio
 from twin.commands.camera import run_camera
 from twin.commands.check import run_check
 from twin.commands.measure import run_measure
@@ -107,8 +107,35 @@ PARTS = 4  # of all that is planted, for workers side by side
 
 def test_enough_is_planted() -> None:
     planted_things = planted.everything()
-    assert len(planted_things.mistakes) + len(planted_things.doubtful) >= 120
-    assert len(planted_things.right) >= 20
+    wrong, doubtful = planted_things.mistakes | others.MISTAKES, planted_things.doubtful | others.DOUBTFUL
+    assert len(wrong) + len(doubtful) >= 180
+    assert len(planted_things.right | others.RIGHT) >= 45
+
+
+FILES = ("an unknown law", "a deck in m", "skin elements", "a deck", "no sd", "a lost point as -1")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_files_of_others_say_is_told(name: str) -> None:
+    (told,) = planted.others_told({name: others.everything()[name]})
+    judged_file(told)
+
+
+def judged_file(told: planted.Told) -> None:
+    """A mistake is refused by its cause, a doubt told by it, and what is right passes."""
+    if told.name in others.RIGHT:
+        assert not told.refused, (told.name, told.sentence)
+    elif told.name in others.DOUBTFUL:
+        assert planted.is_told(told, others.DOUBTFUL[told.name][1]), (told.name, told.sentence, told.remarks)
+    else:
+        assert told.refused, told.name
+        assert re.search(others.MISTAKES[told.name][1], told.sentence), (told.name, told.sentence)
+
+
+@pytest.mark.slow
+def test_all_files_of_others() -> None:
+    for told in planted.others_told(others.everything()):
+        judged_file(told)
 
 
 @pytest.mark.slow

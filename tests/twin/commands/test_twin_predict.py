@@ -16,7 +16,15 @@ from twin.calibrated.inverse import Wanted, first_crossing
 from twin.calibrated.positions import asked
 from twin.calibrated.predictionerrors import Uncertain, told_by_film
 from twin.calibrated.predictions import GAP, HIGH, LOW, Prediction, WantedCourse, after, pressure_of, turned
-from twin.commands.predict import _gravity, _notes, run_predict
+from twin.commands.predict import (
+    PredictedAngle,
+    PredictedPoint,
+    PredictionRecord,
+    _gravity,
+    _notes,
+    _table,
+    run_predict,
+)
 from twin.effects.protocol import Unsolvable
 from twin.project.folder import Project, dataset
 
@@ -84,6 +92,17 @@ def test_the_turn_of_the_end_face_and_its_error() -> None:
     degrees, errors = turned((LOW, HIGH), moved(angle)[None], factor[None, None], ends)
     assert degrees == pytest.approx([30.0])
     assert np.abs(errors) == pytest.approx(np.array([[0.5]]), rel=1e-5)
+
+
+def test_the_turn_of_the_tip_stands_in_the_table() -> None:
+    at = {"time_s": 1.0, "pressure_MPa": 0.02}
+    points = [PredictedPoint(point=p, u_mm=(-1.0, 0.0, -9.0), low_mm=(None,) * 3, high_mm=(None,) * 3, beyond=False, **at) for p in ("tip", "middle")]
+    angle = PredictedAngle(degrees=30.0, low=29.0, high=31.0, **at)
+    assert _table(PredictionRecord(points=tuple(points), angles=(angle,), tested_MPa=0.03)) == [
+        "pressure          U1, mm  U2, mm  U3, mm  tip turns, degrees",
+        "  20 kPa  tip      -1.00    0.00   -9.00         30.0 +- 1.0",
+        "  20 kPa  middle   -1.00    0.00   -9.00",
+    ]
 
 
 def test_one_of_pressure_and_course_is_wanted(tmp_path: Path) -> None:

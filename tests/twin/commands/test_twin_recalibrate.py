@@ -469,7 +469,7 @@ def test_too_few_batches_are_listed_and_not_tested(batch, stages, say, tmp_path)
 
 def test_equal_films_of_two_batches_are_told(batch):
     films = {"b-1": "the same", "b-2": "another", "b-3": "the same"}
-    projects = [batch(name, imported=ImportTable(file="raw/film.csv", format="csv")) for name in films]
+    projects = [batch(name, **{"import": ImportTable(file="raw/film.csv", format="csv")}) for name in films]
     for project, text in zip(projects, films.values(), strict=True):
         project.path("raw").mkdir()
         for file in ("film.csv", "log.csv"):  # one log of two films is right

@@ -1,12 +1,14 @@
 """[model.finger]: the built-in finger's dimensions, and one sentence for each that does not fit the others."""
 
 from itertools import islice
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fe import Finger
 from twin.bodies.finger import FingerTable
-from twin.commands.init import film_config
+from twin.commands.init import film_config, run_init
 from twin.project.config import Config
 from twin.project.toml import dump, parse
 
@@ -30,6 +32,19 @@ def test_the_tip_and_the_middle_lie_on_the_finger_of_other_dimensions() -> None:
     assert finger.tip_node == (80.0, 9.0, 0.0)
     assert finger.base_cap < finger.middle_node[0] < 80.0 - finger.tip_cap
     assert finger.middle_node[1:] == (9.0, 0.0)
+
+
+def test_rig_and_objective_follow_the_body(tmp_path: Path) -> None:
+    run_init(tmp_path / "own", lambda text: None, body="finger:length_mm=92,width_mm=25")  # type: ignore[arg-type]
+    config = parse((tmp_path / "own" / "twin.toml").read_bytes(), name="twin.toml")
+    rig = np.array([marker.position_mm for marker in config.frame.markers])
+    assert (rig[:, 0].min(), rig[:, 0].max()) == (-20.0, 102.0)  # 10 mm beyond the tip
+    assert set(rig[:, 1]) == {13.0}  # before the marked side
+    assert rig[:, 2].min() == -75.0
+    own = "".join(f'[[points]]\nname = "p{k}"\nposition_mm = [{x}, 9.0, 0.0]\n' for k, x in enumerate((80, 12, 39, 60)))
+    assert parse(own.encode(), name="twin.toml").objective_points == ("p0", "p2")  # the outermost, the middle one
+    nodes = "".join(f'[[points]]\nname = "p{k}"\nnode = {k + 1}\n' for k in range(4))
+    assert parse(nodes.encode(), name="twin.toml").objective_points == ("p3", "p1")
 
 
 @pytest.mark.parametrize(

@@ -1,30 +1,25 @@
 """A finished project of a former release (tests/data/old_project, on the raw files of the quick data set) is
 opened with other versions of its libraries: nothing is stale, nothing is done again, the camera that its film needs is there."""
 
-import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.messages import saying
+from tests.strangers.older import NEWER, opened
 from twin.bench.fits import newest_fit, stale
 from twin.commands.camera import run_camera
 from twin.commands.measure import run_measure
 from twin.inputs.cameras import camera_path
-from twin.project import folder, record
-from twin.project.folder import Project, dataset
-
-OLD = Path(__file__).resolve().parents[2] / "data" / "old_project"
-NEWER = {"pydantic": "9.9.1", "opencv-contrib-python-headless": "9.9.2", "numpy": "9.9.3", "softtwin": "9.9.4"}
+from twin.project import record
+from twin.project.folder import Project
 
 
 @pytest.fixture
-def old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Project:
-    shutil.copytree(OLD, tmp_path / "old")
-    shutil.copytree(dataset("quick") / "raw", tmp_path / "old" / "raw")
-    others = {**folder.versions(), **NEWER}
-    monkeypatch.setattr(folder, "versions", lambda: others)
-    return Project.open(tmp_path / "old")
+def old(tmp_path: Path) -> Iterator[Project]:
+    with opened(tmp_path) as project:
+        yield project
 
 
 def test_nothing_is_stale_and_nothing_is_done_again(old: Project, say) -> None:
