@@ -22,7 +22,7 @@ def read_dice(path: Path, min_likelihood: float) -> Recorded:
 
     ValueError where the files have other columns or other subsets.
     """
-    files, frame = in_order(path, "DICe_solution_*.txt")
+    files, frame, told = in_order(path, "DICe_solution_*.txt")
     tables = [_table(file) for file in files]
     stereo = set(STEREO[0] + STEREO[1]) <= tables[0].keys()
     labels = tables[0]["SUBSET_ID"]
@@ -31,7 +31,7 @@ def read_dice(path: Path, min_likelihood: float) -> Recorded:
         names=tuple(f"s{int(label)}" for label in labels), position=np.array([p for p, _ in placed]),
         unit="mm" if stereo else PIXEL, axes="" if stereo else "x,0,-y",
         frame=frame, missing=sum(failed for _, failed in placed),
-        doubt="a negative SIGMA",
+        doubt="a negative SIGMA", remarks=told,
     )  # fmt: skip
 
 

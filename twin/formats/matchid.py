@@ -24,7 +24,7 @@ def read_matchid(path: Path, min_likelihood: float) -> Recorded:
 
     ValueError where no unit has all columns, or a file has other rows than the first.
     """
-    files, frame = in_order(path, "*.csv")
+    files, frame, told = in_order(path, "*.csv")
     sheets = [read_sheet(file, wanted="X [mm];Y [mm];U [mm];V [mm]") for file in files]
     columns, unit = _columns(sheets[0])
     tables = [_values(sheet, columns) for sheet in sheets]
@@ -37,7 +37,7 @@ def read_matchid(path: Path, min_likelihood: float) -> Recorded:
     lost = ~np.isfinite(position[..., :2]).all(axis=2)
     return Recorded(
         names=tuple(f"p{row + 1}" for row in range(position.shape[1])), position=position, unit=unit,
-        frame=frame, missing=int(lost.sum()), doubt="no value",
+        frame=frame, missing=int(lost.sum()), doubt="no value", remarks=told,
     )  # fmt: skip
 
 

@@ -48,11 +48,11 @@ def plain_names(path: Path, names: list[str]) -> tuple[str, ...]:
     return safe_names
 
 
-def in_order(path: Path, pattern: str) -> tuple[list[Path], Array]:
-    """The files of a folder in the order of the numbers in their names, and these (t,), counted from the
-    first; the file itself where path is none. ValueError for none, and for names without an order."""
+def in_order(path: Path, pattern: str) -> tuple[list[Path], Array, tuple[str, ...]]:
+    """The files of a folder in the order of the numbers in their names, these (t,), counted from the first,
+    and what to say of them; the file itself where path is none. ValueError for none, or without an order."""
     from vision.film.numbering import in_order as by_number
-    from vision.film.numbering import is_litter
+    from vision.film.numbering import is_litter, told_of_numbers
 
     found = sorted(path.glob(pattern)) if path.is_dir() else [path]
     files, numbers = by_number([check_plain(file) for file in found if not is_litter(file)])
@@ -63,7 +63,8 @@ def in_order(path: Path, pattern: str) -> tuple[list[Path], Array]:
             f"{path}: several numbers change in the names, as from {files[0].name} to {files[1].name}; "
             "wanted one that counts the pictures"
         )
-    return files, np.array([float(number - numbers[0]) for number in numbers])
+    count = np.array([float(number - numbers[0]) for number in numbers])
+    return files, count, told_of_numbers(files, numbers)
 
 
 def blanked(cells: Sequence[str]) -> list[str]:

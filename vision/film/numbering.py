@@ -65,6 +65,17 @@ def in_order(files: Sequence[Path]) -> tuple[list[Path], list[Decimal]]:
     return ordered, [values[path][counting[0]] for path in ordered]
 
 
+def told_of_numbers(files: Sequence[Path], numbers: Sequence[Decimal]) -> tuple[str, ...]:
+    """A sentence on which of several changing numbers counts the files; none where one changes."""
+    columns = zip(*(NUMBER.findall(path.stem) for path in files), strict=True)
+    if sum(len(set(column)) > 1 for column in columns) < 2:
+        return ()
+    return (
+        "Several numbers change in the names. The one that differs in all counts the pictures: "
+        f"{numbers[0]} in {files[0].name}.",
+    )
+
+
 def _check_decimals(files: Sequence[Path], columns: Sequence[tuple[Decimal, ...]]) -> None:
     """ValueError where digits behind a point may be a decimal part or count the files: 1.8, 1.9, 1.10."""
     for column in columns:

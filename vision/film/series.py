@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vision.film.numbering import in_order, is_litter, times_of_numbers
+from vision.film.numbering import in_order, is_litter, times_of_numbers, told_of_numbers
 from vision.film.packets import Coding
 from vision.film.video import Array, Image, Video, stamp_issues
 
@@ -31,11 +31,11 @@ class Pictures(Video):
 
     def __init__(self, path: Path | str, *, fps: float | None = None, mirrored: bool = False) -> None:
         self.path, self.mirrored = Path(path), mirrored
-        self.files, self.time = _timed(_pictures(self.path), fps)
+        self.files, self.time, told = _timed(_pictures(self.path), fps)
         self.bits = bits_of_pictures(self.files)
         self.height, self.width = read_picture(self.files[0], self.bits).shape
         self.turns = 0
-        self.issues = stamp_issues(self.path.name, self.time, 0, 0)
+        self.issues = (*stamp_issues(self.path.name, self.time, 0, 0), *told)
         if self.bits not in (8, 16):
             self.issues += (f"{self.path.name}: the grey levels have {self.bits} bits in pictures of 16.",)
 
@@ -93,11 +93,11 @@ def _pictures(path: Path) -> tuple[Path, ...]:
     return tuple(files)
 
 
-def _timed(files: Sequence[Path], fps: float | None) -> tuple[tuple[Path, ...], Array]:
-    """Files of a folder in order, and their times (t,) s: of times.csv, else by their names."""
+def _timed(files: Sequence[Path], fps: float | None) -> tuple[tuple[Path, ...], Array, tuple[str, ...]]:
+    """Files of a folder in order, their times (t,) s, of times.csv or else by their names, and remarks."""
     table = files[0].parent / TIMES
     if table.exists():
-        return _tabled(table, files)
+        return *_tabled(table, files), ()
     if fps is None:
         raise ValueError(
             f"folder {table.parent} has no {TIMES} (columns file, time_s) and no frame rate is given: add "
@@ -110,7 +110,8 @@ def _timed(files: Sequence[Path], fps: float | None) -> tuple[tuple[Path, ...], 
             f"{ordered[1].name}, and it is unknown which counts the pictures; name those of one camera by a "
             f"pattern, such as cam1_*, or give {TIMES} with the columns file, time_s"
         )
-    return tuple(ordered), times_of_numbers(numbers, fps, where=table.parent)
+    time = times_of_numbers(numbers, fps, where=table.parent)
+    return tuple(ordered), time, told_of_numbers(ordered, numbers)
 
 
 def _tabled(table: Path, files: Sequence[Path]) -> tuple[tuple[Path, ...], Array]:

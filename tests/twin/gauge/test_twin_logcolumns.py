@@ -272,3 +272,23 @@ def test_a_slow_log_has_a_noise_from_all_rest_before_the_onset() -> None:
     assert noise.sd_MPa == pytest.approx(2e-5, rel=0.15)  # 190 samples: 5 %
     assert noise.samples >= 180
     assert all_rest(log, 8.0, 24.0) == (8.0, 24.0)  # enough: as stated
+
+
+SPELLED = {
+    "t [s]": 1.0, "t (sec)": 1.0, "Elapsed (seconds)": 1.0, "time_ms": 1e-3, "millis": 1e-3, "t [msec]": 1e-3,
+    "t [milliseconds]": 1e-3, "time_us": 1e-6, "micros": 1e-6, "t [usec]": 1e-6, "t [\u00b5s]": 1e-6, "t [\u03bcs]": 1e-6,
+    "t (microseconds)": 1e-6, "t [min]": 60.0, "t (minutes)": 60.0,
+}  # fmt: skip
+PRESSURES = {"p [psig]": 0.00689476, "p [barg]": 0.1, "p [kPag]": 1e-3, "p [kgf/cm2]": 0.0980665, "p [N/mm2]": 1.0}
+
+
+@pytest.mark.parametrize("head", SPELLED)
+def test_a_unit_of_time_has_many_spellings(tmp_path: Path, head: str) -> None:
+    (tmp_path / "log.csv").write_text(f"{head},p [kPa]\n0,0\n7,20\n", encoding="utf-8")
+    assert read_log(tmp_path / "log.csv", time_shift_s=0.0).time[-1] == pytest.approx(7.0 * SPELLED[head])
+
+
+@pytest.mark.parametrize("head", PRESSURES)
+def test_a_unit_of_pressure_has_many_spellings(tmp_path: Path, head: str) -> None:
+    (tmp_path / "log.csv").write_text(f"time_s,{head}\n0,0\n7,0.3\n", encoding="utf-8")
+    assert read_log(tmp_path / "log.csv", time_shift_s=0.0).pressure[-1] == pytest.approx(0.3 * PRESSURES[head], rel=1e-5)

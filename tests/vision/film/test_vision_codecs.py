@@ -243,6 +243,7 @@ def test_numbers_in_names_are_order_and_times(
 ) -> None:
     film = open_film(pictures(tmp_path / "run", ".png", names), fps=fps)
     np.testing.assert_allclose(film.time, times, atol=1e-9)
+    assert any("Several numbers change in the names" in issue for issue in film.issues) == ("_" in names[0] or "-" in names[0])
     where = [block(grey) for *_, grey in film.frames()]
     np.testing.assert_allclose(where, 15.5 + 4.0 * np.arange(len(names)), atol=0.3)
 
