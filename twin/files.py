@@ -255,11 +255,6 @@ def check_plain(path: Path) -> Path:
     return path
 
 
-def is_litter(path: Path) -> bool:
-    """True for what systems leave beside files: .DS_Store, ._b01.png, Thumbs.db, desktop.ini."""
-    return path.name.startswith(".") or path.name.lower() in ("thumbs.db", "desktop.ini")
-
-
 def typed(path: Path) -> str:
     """A path as a user types it after an option, in quotes where a shell wants them.
 

@@ -10,7 +10,7 @@ from twin.bench.priors import TAILS, known_values
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
 from twin.calibrated.caches import Store
-from twin.calibrated.positions import PlacedPoint, on_model, on_surface, placed
+from twin.calibrated.positions import PlacedPoint, fault_of, on_structure, placed
 from twin.calibrated.problem import BEYOND, CalibrationProblem
 from twin.coupons.pulltest import pull_tests
 from twin.effects.material import Elasticity
@@ -27,8 +27,7 @@ from twin.model.objects import RigidObject
 from twin.model.structure import Structure, beside, closed, in_law, of_body, of_deck, weighed
 from twin.project.folder import Project
 from twin.project.trust import check_trusted, programs
-from twin.sanity import motion_fault, place_fault, rise_fault
-from twin.targets import PointKind, Targets
+from twin.targets import Targets
 
 
 @dataclass(frozen=True)
@@ -58,19 +57,11 @@ class Workbench(CalibrationProblem):
         """The workbench of a project. ValueError for unknown nodes or fixed parameters of no use."""
         structure = structure_of(project)
         elasticity = elasticity_of(project, structure.nominal)
-        targets = on_surface(project.targets(), places_of(project, structure))
-        for point in targets.points:
-            if point.kind is PointKind.UNKNOWN:
-                raise ValueError(
-                    f"point {point.name!r} has no place on the finger; wanted position_mm = [x, y, z] in mm "
-                    "or the label of a node: add it under [[points]] in twin.toml"
-                )
-            if point.node is not None:
-                structure.case.position(point.node)  # names what is wrong with an unknown node
-        targets, remarks = on_model(targets, structure.case)
-        check_plausible(project, targets, structure.case)
-        if structure.case.pressurised and (fault := rise_fault(targets)):
-            raise ValueError(f"targets: {fault}")
+        targets, remarks = on_structure(
+            project.targets(), places_of(project, structure), structure.case, name="targets",
+            wanted="position_mm = [x, y, z] in mm or the label of a node: add it under [[points]] in "
+            "twin.toml", bends_down=bends_down(project), mirrored=one_side(project),
+        )  # fmt: skip
         priors = known_values(project, elasticity.law, own_of)
         targets = replace(targets, known=priors, tails=TAILS[project.config.calibrate.loss])
         tests = pull_tests(project.config.material_tests, project.root)
@@ -83,12 +74,14 @@ class Workbench(CalibrationProblem):
 
 def check_plausible(project: Project, targets: Targets, case: Case) -> None:
     """Raise ValueError where the targets cannot be displacements of the project's finger."""
-    body = body_of(project)
-    down = body is not None and body.bends_down
-    fault = place_fault(targets, case, mirrored=one_side(project))
-    fault = fault or motion_fault(targets, case, bends_down=down)
-    if fault:
+    if fault := fault_of(targets, case, bends_down=bends_down(project), mirrored=one_side(project)):
         raise ValueError(f"targets: {fault}")
+
+
+def bends_down(project: Project) -> bool:
+    """True where the project's body bends to -z whatever is wrong."""
+    body = body_of(project)
+    return body is not None and body.bends_down
 
 
 def elasticity_of(project: Project, nominal: Constants) -> Elasticity:

@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 
 from twin.bodies.finger import BuiltIn
 from twin.bodies.kinds import BODIES
-from twin.calibrated.positions import on_model, on_surface, placed
+from twin.calibrated.positions import on_structure, placed
 from twin.calibrated.problem import CalibrationProblem
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect
@@ -18,12 +18,24 @@ from twin.laws.catalogue import named_law
 from twin.marktables import PointTable
 from twin.model.objects import RigidObject
 from twin.model.structure import Structure, beside, closed, in_law, of_body, of_deck, weighed
-from twin.sanity import motion_fault, place_fault, rise_fault
 from twin.targets import PointKind, Targets
 from twin.validation import checked
 
 if TYPE_CHECKING:
     from fe import Lattice
+
+
+class ModelOptions(TypedDict, total=False):
+    """What an actuator may have beside its shape and law; see `built_in`."""
+
+    density_kg_m3: float | None
+    self_contact: bool
+    obstacle: str
+    effects: Sequence[str]
+    own: Sequence[Effect]
+    fixed: Mapping[str, float] | None
+    bounds: Mapping[str, tuple[float, float]] | None
+    mesh_error: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,29 +63,22 @@ class Actuator:
         ValueError where a point is not on the actuator, or the data cannot be its displacements."""
         if not isinstance(data, Targets):
             raise ValueError(f"data: {type(data).__name__}; wanted the targets of twin.read_table(...)")
-        case, points = self.structure.case, []
+        case = self.structure.case
         if case.pressurised and np.ptp(data.log_pressure) == 0:
             raise ValueError(
                 f"the table: the pressure is {1e3 * data.log_pressure[0]:.4g} kPa in all rows; wanted rows "
                 "at rest and under pressure"
             )
-        for point in data.points:
-            if point.kind is PointKind.UNKNOWN:
-                raise ValueError(
-                    f"point {point.name!r} has no place on the actuator; wanted points={{{point.name!r}: "
-                    "(x, y, z)} in mm, or the label of its node"
-                )
-            if point.node is not None:
-                case.position(point.node)  # names what is wrong with an unknown node
-            elif point.kind is PointKind.PLACE:
-                points.append(PointTable(name=point.name, position_mm=point.position))
-        targets = on_surface(data, placed(points, self.structure, mirrored=False))
-        targets, remarks = on_model(targets, case)
-        fault = place_fault(targets, case, mirrored=False)
-        fault = fault or motion_fault(targets, case, bends_down=self.bends_down)
-        fault = fault or (rise_fault(targets) if case.pressurised else "")
-        if fault:
-            raise ValueError(f"the table: {fault}")
+        points = [
+            PointTable(name=point.name, position_mm=point.position)
+            for point in data.points
+            if point.kind is PointKind.PLACE
+        ]
+        targets, remarks = on_structure(
+            data, placed(points, self.structure, mirrored=False), case, name="the table",
+            wanted="its place under points=, (x, y, z) in mm or the label of its node",
+            bends_down=self.bends_down,
+        )  # fmt: skip
         return CalibrationProblem(
             targets, self.structure, self.elasticity, remarks, effects=self.effects, own=self.own,
             mesh_error=self.mesh_error,
@@ -118,22 +123,16 @@ def built_in(
     lattice: "Lattice | None" = None,
     refine: int = 1,
     law: str = "mooney-rivlin",
-    density_kg_m3: float | None = None,
-    self_contact: bool = False,
-    obstacle: str = "",
-    effects: Sequence[str] = (),
-    own: Sequence[Effect] = (),
-    fixed: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    mesh_error: bool = True,
-    **dimensions: Any,
+    **stated: Any,
 ) -> Actuator:
-    """A body of a kind (finger, pneunet, tube, bar) with its dimensions.
+    """A body of a kind (finger, pneunet, tube, bar) with its dimensions, and `ModelOptions` beside them.
 
     refine: 2 halves all elements. law: of the silicone (`twin.laws.catalogue`). density_kg_m3: with weight.
     obstacle: a rigid object that it meets, such as "cylinder:d=40,x=70,z=-30". fixed: constants that are not
     fitted, bounds: lowest and highest values, MPa. mesh_error=False: the mesh is taken as exact.
     """
+    dimensions = {key: value for key, value in stated.items() if key not in ModelOptions.__annotations__}
+    options: Any = {key: value for key, value in stated.items() if key not in dimensions}
     table = checked(BODIES[kind], dimensions, name=kind)
     if refine < 1:
         raise ValueError(f"refine = {refine}: wanted 1, or 2 to halve all elements")
@@ -142,10 +141,7 @@ def built_in(
         assert isinstance(body, BuiltIn)
         body = replace(body, lattice=lattice)
     structure = in_law(of_body(body, refine=refine), named_law(law).nominal)
-    return _actuator(
-        structure, density_kg_m3=density_kg_m3, self_contact=self_contact, obstacle=obstacle, effects=effects,
-        own=own, fixed=fixed, bounds=bounds, bends_down=body.bends_down, mesh_error=mesh_error,
-    )  # fmt: skip
+    return _actuator(structure, bends_down=body.bends_down, **options)
 
 
 def deck(
@@ -154,14 +150,7 @@ def deck(
     refine: int = 1,
     silicone: Sequence[str] = (),
     law: str | None = None,
-    density_kg_m3: float | None = None,
-    self_contact: bool = False,
-    obstacle: str = "",
-    effects: Sequence[str] = (),
-    own: Sequence[Effect] = (),
-    fixed: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    mesh_error: bool = True,
+    **options: Unpack[ModelOptions],
 ) -> Actuator:
     """The actuator of an Abaqus deck. silicone: element sets whose constants are fitted, by default all; law:
     by default the deck's own; the others as in `built_in`. ValueError where the deck is not right."""
@@ -170,16 +159,14 @@ def deck(
     structure = of_deck(
         Path(path), mesh=refine, silicone=tuple(silicone), law=None if law is None else named_law(law)
     )
-    return _actuator(
-        structure, density_kg_m3=density_kg_m3, self_contact=self_contact, obstacle=obstacle, effects=effects,
-        own=own, fixed=fixed, bounds=bounds, bends_down=False, mesh_error=mesh_error,
-    )  # fmt: skip
+    return _actuator(structure, bends_down=False, **options)
 
 
 def _actuator(
-    structure: Structure, *, density_kg_m3: float | None, self_contact: bool, obstacle: str,
-    effects: Sequence[str], own: Sequence[Effect], fixed: Mapping[str, float] | None,
-    bounds: Mapping[str, tuple[float, float]] | None, bends_down: bool, mesh_error: bool,
+    structure: Structure, *, bends_down: bool, density_kg_m3: float | None = None, self_contact: bool = False,
+    obstacle: str = "", effects: Sequence[str] = (), own: Sequence[Effect] = (),
+    fixed: Mapping[str, float] | None = None, bounds: Mapping[str, tuple[float, float]] | None = None,
+    mesh_error: bool = True,
 ) -> Actuator:  # fmt: skip
     structure = closed(structure) if self_contact else structure
     if density_kg_m3 is not None and not 100 <= density_kg_m3 <= 20000:

@@ -1,6 +1,6 @@
 """Solved finer meshes, in a folder or in memory: arrays by their keys, and the constants they hold for."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,14 @@ from twin.targets import Array
 FURTHER = 1.7  # at most: curves of few levels that reach much too far are coarse where it counts
 
 
+def _made(tasks: Mapping[str, Callable[[], Array]], stage: str, say: Say) -> Iterator[tuple[str, Array]]:
+    """The array of each task with its key, in the order in which the executor in use ends them."""
+    executor, keys = current() if len(tasks) > 1 else Serial(), list(tasks)  # one gains nothing elsewhere
+    for done, (k, array) in enumerate(executor.ended(list(tasks.values())), start=1):
+        say.progress(stage, done, len(tasks))
+        yield keys[k], array
+
+
 @dataclass(frozen=True)
 class FolderCache:
     """The arrays of a folder, one file a key; what is missing is made by the executor in use, and a killed
@@ -33,12 +41,8 @@ class FolderCache:
     def __call__(self, stage: str, tasks: Mapping[str, Callable[[], Array]], /) -> dict[str, Array]:
         """The array of every task by its key."""
         path = {key: self.folder / f"{key}.npz" for key in tasks}
-        missing = [key for key in tasks if not path[key].exists()]
-        executor = current() if len(missing) > 1 else Serial()  # one alone gains nothing elsewhere
-        results = executor.ended([tasks[key] for key in missing])
-        for done, (k, array) in enumerate(results, start=1):  # by its key: in any order
-            self.say.progress(stage, done, len(missing))
-            files.write_npz(path[missing[k]], {"array": array})
+        for key, array in _made({k: v for k, v in tasks.items() if not path[k].exists()}, stage, self.say):
+            files.write_npz(path[key], {"array": array})
         return {key: np.asarray(files.read_npz(path[key], "array")["array"], float) for key in tasks}
 
 
@@ -116,11 +120,8 @@ class MemoryCache:
 
     def __call__(self, stage: str, tasks: Mapping[str, Callable[[], Array]], /) -> dict[str, Array]:
         """The array of every task by its key."""
-        missing = [key for key in tasks if key not in self.arrays]
-        executor = current() if len(missing) > 1 else Serial()
-        for done, (k, array) in enumerate(executor.ended([tasks[key] for key in missing]), start=1):
-            self.say.progress(stage, done, len(missing))
-            self.arrays[missing[k]] = array
+        for key, array in _made({k: v for k, v in tasks.items() if k not in self.arrays}, stage, self.say):
+            self.arrays[key] = array
         return {key: self.arrays[key] for key in tasks}
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
 from twin.formats.importtable import ImportTable
-from twin.formats.plainpoints import HEADING
 from twin.formats.recorded import plain
 from twin.marktables import PointTable
 from twin.targets import Targets
@@ -24,17 +23,6 @@ if TYPE_CHECKING:
     import pandas
 
 POINT, COMPONENT = "point", re.compile(r"[uU]?([123xyzXYZ])[ _]?[\[(]?(mm|cm|m|px|in)[\])]?")
-
-
-# parts of sentences about twin.toml -> the same about arguments
-WORDS = {
-    "[import] of twin.toml does not state all of the file": "read_table: arguments are missing",
-    "wanted log (pressure log, with times or one row a step; wanted where the file has no pressure)":
-        "wanted a column of the table such as pressure_kPa, or log=",
-    "; correct [[points]], or fixed under [import]": "; correct points",
-    ", or set unit under [pressure] of twin.toml": "",
-    "--format ": "format ",
-}  # fmt: skip
 
 
 def read_table(
@@ -77,7 +65,7 @@ def read_table(
 
     >>> read_table(frame.drop(columns="pressure_kPa"), points={"tip": (110, 11.5, 0)}, sd_mm=0.02)
     Traceback (most recent call last):
-    ValueError: read_table: arguments are missing; wanted a column of the table such as pressure_kPa, or log=
+    ValueError: the file does not say all that is needed; wanted, as keys of [import], log (pressure log, ...
     """
     if not isinstance(points, Mapping) or not points:
         raise ValueError(f"points = {points!r}: wanted places in mm, such as {{'tip': (110, 11.5, 0)}}")
@@ -89,8 +77,6 @@ def read_table(
         keys = {"file": file.name, "format": format, "sd_mm": sd_mm} | stated
         keys |= {} if log_file is None else {"log": log_file.name}
         try:
-            if format == "csv":
-                _check_units(file, points)
             recorded = read_recorded(file, format)
             if len(recorded.position) < 2:
                 raise ValueError("the table: one row; wanted more, as the first is the rest")
@@ -99,10 +85,7 @@ def read_table(
             table = checked(ImportTable, keys, name="read_table")
             return targets_of(recorded, table, tables, log=log_file)[0]
         except ValueError as error:
-            words = {f"{folder}/table.csv": "the table", f"{folder}/log.csv": "the log", **WORDS}
-            text = str(error)
-            for old, new in words.items():
-                text = text.replace(old, new)
+            text = re.sub(f"{re.escape(folder)}/(table|log).csv", r"the \1", str(error))
             raise ValueError(text) from None
 
 
@@ -118,24 +101,6 @@ def _point(name: str, place: int | Sequence[float]) -> PointTable:
             f"points[{name!r}] = {place!r}: wanted (x, y, z) in mm, or the label of a node"
         ) from None
     return checked(PointTable, {"name": plain(name)} | key, name=f"points[{name!r}]")
-
-
-def _check_units(file: Path, points: Mapping[str, Any]) -> None:
-    """ValueError for a column of one of the points, such as tip_x, whose unit is missing or unknown.
-
-    Such a column is no displacement, and would be left out without a word.
-    """
-    if not file.is_file():
-        return
-    with file.open(encoding="utf-8-sig", errors="replace") as stream:
-        header = stream.readline().strip()
-    for name in re.split("[,;\t]", header):
-        match = re.fullmatch(r"(.+)_[xyz](?:[ _].*)?", name.strip().strip('"'))
-        if match and match[1] in points and not HEADING.fullmatch(match[0]):
-            raise ValueError(
-                f"the table: column {match[0]} has no unit of length; wanted mm, cm, m, px or in, as in "
-                f"{match[0][: len(match[1]) + 2]}_mm"
-            )
 
 
 def _file(folder: Path, name: str, source: Any, *, wide: bool) -> Path | None:

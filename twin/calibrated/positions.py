@@ -11,7 +11,7 @@ from fe.mesh.points import nearest, nearest_on_faces
 from twin.calibrated.problem import CalibrationProblem
 from twin.marktables import PointTable
 from twin.model.structure import Structure
-from twin.sanity import on_model_side
+from twin.sanity import motion_fault, on_model_side, place_fault, rise_fault
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
 
 OFF_MODEL_MM = 0.5
@@ -99,6 +99,34 @@ def _place(point: PointTable, structure: Structure, *, mirrored: bool = False) -
             "from the bottom; `twin look` shows them), or the finger's dimensions"
         )
     return place
+
+
+def on_structure(
+    targets: Targets, places: Mapping[str, PlacedPoint], case: Case, *, name: str, wanted: str,
+    bends_down: bool, mirrored: bool = False,
+) -> tuple[Targets, tuple[str, ...]]:  # fmt: skip
+    """Targets whose points lie on a structure, at these places where they have one, and remarks.
+
+    name: of the targets in errors; wanted: of a point without a place; mirrored: see `placed`. ValueError
+    where a point has no place, or these cannot be displacements of the structure.
+    """
+    targets = on_surface(targets, places)
+    for point in targets.points:
+        if point.kind is PointKind.UNKNOWN:
+            raise ValueError(f"point {point.name!r} has no place on the finger; wanted {wanted}")
+        if point.node is not None:
+            case.position(point.node)  # names what is wrong with an unknown node
+    targets, remarks = on_model(targets, case)
+    fault = fault_of(targets, case, bends_down=bends_down, mirrored=mirrored)
+    if fault := fault or (rise_fault(targets) if case.pressurised else ""):
+        raise ValueError(f"{name}: {fault}")
+    return targets, remarks
+
+
+def fault_of(targets: Targets, case: Case, *, bends_down: bool, mirrored: bool = False) -> str:
+    """Fault of targets that cannot be displacements of a structure, "" without one."""
+    fault = place_fault(targets, case, mirrored=mirrored)
+    return fault or motion_fault(targets, case, bends_down=bends_down)
 
 
 def on_surface(targets: Targets, places: Mapping[str, PlacedPoint]) -> Targets:

@@ -211,7 +211,7 @@ def _courses(
         )
     check_times(ramp_s, hold_s)
     if course is not None:
-        alone = LogFormat(key="a file of the time and that column alone")
+        alone = LogFormat(key="a file of the time and that column alone", unit_key="")
         log = read_log(course, time_shift_s=0.0, form=alone)
         return [WantedCourse.logged(log.time, log.pressure, most=MOST)]
     return [WantedCourse.held(pressure_of(text), ramp_s=ramp_s, hold_s=hold_s) for text in pressure]

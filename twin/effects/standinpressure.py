@@ -40,6 +40,14 @@ class OtherPressure(StandIn):
         names = (f"c{k}" for k in range(lowest, highest + 1))
         super().__init__(f"pressure_by_{by}", names, "", most=0.5, step=0.01, likely=0.1)
 
+    def wrong(self, x: Array, theta: Theta) -> Array:
+        """Excess pressure (t,) along the course x (t,) of the recorded one, both over the top pressure."""
+        raise NotImplementedError
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        p, top = test.path.pressure, self.span.top
+        return replace(test, path=replace(test.path, pressure=p + top * self.wrong(p / top, theta)))
+
 
 class PressureCurve(OtherPressure):
     """Another pressure, by a polynomial of the recorded one: top (c0 + c1 x + c2 x^2 + ..), x = p / top."""
@@ -47,12 +55,7 @@ class PressureCurve(OtherPressure):
     by = "pressure", 0, 3
 
     def wrong(self, x: Array, theta: Theta) -> Array:
-        """Excess pressure (k,) at recorded pressures x (k,), both over the top pressure."""
         return np.asarray(polyval(x, self.numbers(theta)), float)
-
-    def before(self, test: Test, theta: Theta) -> Test:
-        p, top = test.path.pressure, self.span.top
-        return replace(test, path=replace(test.path, pressure=p + top * self.wrong(p / top, theta)))
 
     def resembles(self, theta: Theta) -> str:
         x = np.linspace(0.0, 1.0, 21)
@@ -93,12 +96,7 @@ class PressureWay(OtherPressure):
     by = "way", 1, len(WIDTHS)
 
     def wrong(self, x: Array, theta: Theta) -> Array:
-        """Excess pressure (t,) along the course x (t,) of the recorded one, both over the top pressure."""
         return np.asarray(sum(c * stop(x, half) for c, half in zip(self.numbers(theta), WIDTHS, strict=True)))
-
-    def before(self, test: Test, theta: Theta) -> Test:
-        p, top = test.path.pressure, self.span.top
-        return replace(test, path=replace(test.path, pressure=p + top * self.wrong(p / top, theta)))
 
     def resembles(self, theta: Theta) -> str:
         x = np.linspace(0.0, 1.0, 41)

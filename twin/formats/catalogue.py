@@ -28,7 +28,7 @@ def read_recorded(path: Path, name: str, min_likelihood: float = LIKELY) -> Reco
     """The points of a file or folder in a named format; below `min_likelihood` a point counts as not seen.
     ValueError for an unknown format."""
     if name not in FORMATS:
-        raise ValueError(f"--format {name}: wanted one of {', '.join(FORMATS)}")
+        raise ValueError(f"format {name}: wanted one of {', '.join(FORMATS)}")
     files.check_plain(path)
     return without_lost(FORMATS[name](path, min_likelihood))
 

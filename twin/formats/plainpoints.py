@@ -15,6 +15,7 @@ from twin.gauge.logcolumns import LogFormat, pressures, time_column
 from twin.gauge.pressureunits import PRESSURE, heading, in_seconds
 
 HEADING = re.compile(r"(?P<point>.+)_(?P<axis>[xyz])[ _]?[\[(]?(?P<unit>mm|cm|m|px|in)[\])]?")
+BARE = re.compile(r"(.+)_[xyz](?:[ _]?[\[(]\w*[\])])?")  # a place without its unit, or in an unknown one
 
 
 def read_plain(path: Path, min_likelihood: float) -> Recorded:
@@ -28,6 +29,11 @@ def read_plain(path: Path, min_likelihood: float) -> Recorded:
             f"tip_x_mm,tip_z_mm, all in one unit{': found ' + ' and '.join(sorted(units)) if units else ''}"
         )
     points = list(dict.fromkeys(match["point"] for match in matches.values()))
+    for name in sheet.header:
+        if name not in matches and (bare := BARE.fullmatch(name)) and bare[1] in points:
+            raise ValueError(
+                f"{path}: column {name} has no unit of length; wanted mm, cm, m, px or in, as in {bare[0]}_mm"
+            )
     table = sheet.table(tuple(matches))
     cells = {name: blanked(column) for name, column in table.cells.items()}
     table = Table(table.path, cells, table.lines, table.comma)
@@ -52,4 +58,4 @@ def _time(sheet: Sheet) -> np.ndarray | None:
 
 def _pressure(sheet: Sheet) -> np.ndarray | None:
     spoken = [name for name in sheet.header if heading(name).word in PRESSURE and not HEADING.fullmatch(name)]
-    return pressures(sheet, LogFormat()) if spoken else None
+    return pressures(sheet, LogFormat(unit_key="")) if spoken else None

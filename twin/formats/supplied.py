@@ -37,7 +37,7 @@ def check_stated(recorded: Recorded, table: ImportTable, log: Path | None) -> No
         del missing["fps"]  # single steps, a row of the log each
     if missing:
         each = "; ".join(f"{key} ({what})" for key, what in missing.items())
-        raise ValueError(f"[import] of twin.toml does not state all of the file; wanted {each}")
+        raise ValueError(f"the file does not say all that is needed; wanted, as keys of [import], {each}")
     if table.sd_mm is not None and table.still_steps is not None:
         raise ValueError(
             f"import.sd_mm = {table.sd_mm:g} and import.still_steps: both say how large the noise is; leave "
@@ -50,7 +50,8 @@ def check_stated(recorded: Recorded, table: ImportTable, log: Path | None) -> No
 
 
 def _form(table: ImportTable) -> LogFormat:
-    return LogFormat(table.log_column, table.log_unit, key="log_column under [import] of twin.toml")
+    column, unit = (f"{key} under [import] of twin.toml" for key in ("log_column", "log_unit"))
+    return LogFormat(table.log_column, table.log_unit, key=column, unit_key=unit)
 
 
 def _has_times(log: Path, table: ImportTable) -> bool:

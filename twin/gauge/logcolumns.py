@@ -39,6 +39,7 @@ class LogFormat:
     line: Line | None = None  # for a gauge that gives volts
     top_kPa: float | None = None  # what the regulator was set to: the unit is compared with it
     key: str = "column under [pressure] of twin.toml"  # where the user names the column
+    unit_key: str = "unit under [pressure] of twin.toml"  # and its unit; "": nowhere
 
 
 @dataclass(frozen=True)
@@ -204,8 +205,8 @@ def _unit(path: Path, column: Column, form: LogFormat) -> str:
                          "wanted one unit: correct the heading or the key")  # fmt: skip
     unit = stated_unit or heading_unit
     if not unit:
-        raise ValueError(f"{what} has no unit: wanted {UNITS}; rename it, as in pressure_kPa, or set unit "
-                         "under [pressure] of twin.toml")  # fmt: skip
+        raise ValueError(f"{what} has no unit: wanted {UNITS}; rename it, as in pressure_kPa"
+                         + (form.unit_key and f", or set {form.unit_key}"))  # fmt: skip
     if unit in TIMES:
         raise ValueError(f"{what} has the unit {unit}: wanted {UNITS}")
     _check_line(unit, form.line, what=what)

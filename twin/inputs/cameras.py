@@ -155,8 +155,10 @@ def _one_camera_inputs(project: Project, table: CameraTable) -> dict[str, Any]:
 
 def board_images(project: Project, table: CameraTable) -> list[Path]:
     """The pictures of the board."""
+    from vision.film.numbering import is_litter
+
     every = project.root.glob(table.boards or "")
-    images = sorted(p for p in every if p.is_file() and not files.is_litter(p))
+    images = sorted(p for p in every if p.is_file() and not is_litter(p))
     if not images:
         raise ValueError(f"cameras.boards = {table.boards!r}: no file matches in {project.root}; put the "
                          "images of the board there, or correct the glob in twin.toml")  # fmt: skip

@@ -7,9 +7,8 @@ from twin.laws.arrudaboyce import ARRUDA_BOYCE
 from twin.laws.gent import GENT
 from twin.laws.law import NOTHING, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
-from twin.laws.neohooke import NEO_HOOKE
 from twin.laws.ogden import OGDEN
-from twin.laws.yeoh import YEOH
+from twin.laws.reducedpolynomial import NEO_HOOKE, YEOH
 
 LAWS = {law.name: law for law in (NEO_HOOKE, MOONEY_RIVLIN, YEOH, GENT, ARRUDA_BOYCE, *OGDEN)}
 

@@ -146,10 +146,7 @@ def provenance_of(project: Project, *, seed: Any) -> dict[str, str]:
 
 
 def _engine(fit: FitRecord) -> str:
-    """Engine of a fit, with the version of another program.
-
-    the engine, and the version of another program.
-    """
+    """Engine of a fit, with the version of another program."""
     return f"{fit.engine}, {fit.release}" if fit.release else fit.engine
 
 

@@ -155,9 +155,7 @@ class _Sight:
 
     def _spots(self, u: Array, frames: Rows) -> Array:
         """Positions (s,p,3) mm of the markers for nodes that move by u (s,p,3) mm: the offset of a marker
-        from its node turns as the marker is seen to turn. what a marker is off its node turns as the marker
-        is seen to turn.
-        """
+        from its node turns as the marker is seen to turn."""
         names = list(self._tracks["names"])
         columns = [names.index(n) for n in self.generations.point_names]
         turn = np.nan_to_num(self._tracks["rotation"][frames][:, columns])

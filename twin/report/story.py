@@ -207,8 +207,7 @@ class Story:
     @property
     def unmended(self) -> tuple[float | None, float | None]:
         """Errors in mm of the model without effects, with and without shared errors: from the diagnosis, or
-        from the calibration where effects were in the model before it and it asks for no more. that of the
-        diagnosis, or of the calibration where effects were in the model before it and it asks for no more.
+        from the calibration where effects were in the model before it and it asks for no more.
         """
         if self.fit.effects and self.start is not None and not self.diagnosis.named:
             return self.start.raw_rms_mm, self.start.rms_mm

@@ -39,7 +39,7 @@ class Filmed:
     @property
     def numbers(self) -> tuple[int, ...]:
         """Indices of the models along the film: the one before effects were added, and the present one where
-        it differs. the one before effects were added, and the one of now where that is another.
+        it differs.
         """
         return tuple(dict.fromkeys((self.before, len(self.models) - 1)))
 

@@ -55,10 +55,7 @@ class Objective:
         return Objective(steps, rows, component, measured, targets.pressure[steps])
 
     def sd_mm(self, targets: Targets) -> float:
-        """Standard error of a measured value in mm: the root of their mean variance.
-
-        the root of their mean variance.
-        """
+        """Standard error of a measured value in mm: the root of their mean variance."""
         variance = targets.covariance[self.steps[0], self.rows, self.component, self.component]
         return float(np.sqrt(variance.mean()))
 
@@ -154,10 +151,7 @@ def search(
 
 
 def evaluations(size: int, generations: int) -> int:
-    """Number of candidates that a search evaluates: all of the first generation, all but the elite later.
-
-    all of the first generation, and all but the elite later.
-    """
+    """Number of candidates that a search evaluates: all of the first generation, all but the elite later."""
     return size + (generations - 1) * (size - ELITE)
 
 

@@ -86,10 +86,7 @@ def fitted(bench: Workbench, starts: Array, mesh: Discretisation | None, *, seed
 
 
 def _occam(bench: Workbench, judged: Judged) -> float:
-    """Occam factor of the evidence, for priors of the variance of the bounds about their middle.
-
-    priors of the same variance about their middle.
-    """
+    """Occam factor of the evidence, for priors of the variance of the bounds about their middle."""
     bounds = {p.name: (p.low, p.high) for p in bench.elasticity.parameters}
     free = [p.name for p in judged.fit.parameters if p.name not in judged.at_bound]
     low, high = np.array([bounds[name] for name in free]).reshape(-1, 2).T

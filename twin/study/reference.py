@@ -50,9 +50,7 @@ def file_of(figure: str) -> str:
 @dataclass(frozen=True)
 class Reference:
     """Calibration: load paths, generations of the search, candidates x (m, 2) MPa with their rms_mm (m,), and
-    the least-squares fit. load paths, generations of the search, candidates x (m, 2) MPa with their rms_mm
-    (m,), and the least-squares fit.
-    """
+    the least-squares fit."""
 
     on: OnPaths
     generations: Generations

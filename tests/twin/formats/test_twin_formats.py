@@ -395,7 +395,7 @@ def test_a_log_without_times_has_a_row_for_each_step(tmp_path: Path) -> None:
         ("matchid", "X [mm];Y [mm];Exx [ ]\n0;1;2\n", "wanted X, Y and the displacements U, V in one unit"),
         ("c3d", "nothing of the kind", "not a C3D file"),
         ("csv", "time_s,tip_x_mm,tip_z_px\n0,1,2\n", "all in one unit: found mm and px"),
-        ("sleap", "", "--format sleap: wanted one of deeplabcut, "),
+        ("sleap", "", "format sleap: wanted one of deeplabcut, "),
     ],
 )  # fmt: skip
 def test_another_file_is_named(tmp_path: Path, form: str, text: str, sentence: str) -> None:
