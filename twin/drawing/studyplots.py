@@ -23,6 +23,7 @@ from twin.drawing.theme import (
     NOISE,
     cycle,
     label_ends,
+    legend_above,
     log_if_wide,
     style,
     svg,
@@ -34,6 +35,7 @@ INITIAL, FINAL, EXPERIMENT = "initial model", "updated model", "experiment"
 MANY = 20  # readings of a film are drawn small
 COLOURS = {EXPERIMENT: MUTED, INITIAL: BEFORE, FINAL: AFTER}
 MARKS = (("*", "#e69f00"), ("s", "white"), ("D", "#cc79a7"), ("^", BEFORE))  # shape and colour of models
+LEGEND: dict[str, Any] = {"side": "left", "columns": 4, "columnspacing": 1.2}
 BARS = 0.26  # width of a bar, of the distance from one point to the next
 
 
@@ -50,7 +52,7 @@ def best_error(
         if axes.get_yscale() == "linear":
             axes.set_ylim(bottom=0.0)
         _by_generation(axes, "RMS error, mm")
-        _legend(figure, axes)
+        legend_above(figure, axes, **LEGEND)
         return svg(figure)
 
 
@@ -108,7 +110,7 @@ def valley(
                 markeredgewidth=0.9, label=name, linestyle="none", gid=name, clip_on=False, zorder=5,
             )  # fmt: skip
         axes.set(xlabel=f"{names[0]}, {unit}", ylabel=f"{names[1]}, {unit}")
-        _legend(figure, axes, columns=3)
+        legend_above(figure, axes, **LEGEND | {"columns": 3})
         return svg(figure)
 
 
@@ -144,7 +146,7 @@ def against_pressure(
         axes.set(xlabel="pressure, kPa", ylabel=f"{component}, mm")
         axes.set_title(title)
         axes.margins(x=0.03)
-        _legend(figure, axes)
+        legend_above(figure, axes, **LEGEND)
         return svg(figure)
 
 
@@ -166,7 +168,7 @@ def end_values(
                          label="error of a reading, 1 sd", gid="reading")  # fmt: skip
             axes.set_ylabel(f"absolute error of {component}, mm")
             axes.set_ylim(0.0, 1.12 * max(sd_mm, *(float(v.max()) for v in rows.values())))
-        _legend(figure, axes)
+        legend_above(figure, axes, **LEGEND)
         return svg(figure)
 
 
@@ -193,10 +195,3 @@ def _bars(axes: Axes, points: Sequence[str], rows: Mapping[str, Array], *, digit
     axes.tick_params(axis="x", length=0)
     axes.grid(False, axis="x")
     axes.margins(y=0.1)
-
-
-def _legend(figure: Figure, axes: Axes, *, columns: int = 4) -> None:
-    """Name the curves above them, without a frame."""
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=min(columns, len(labels)), fontsize=8.5,
-                  columnspacing=1.2)  # fmt: skip

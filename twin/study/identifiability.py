@@ -6,7 +6,6 @@ error hardly changes along the ridge, two searches end at different places of it
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -16,6 +15,7 @@ from calibrate import Fit, Parameter, identifiability
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
 from twin.project.folder import Project
 from twin.study.loadpathfit import OnPaths
+from twin.study.record import Ridge
 from twin.targets import Array
 
 Cost = Callable[[Mapping[str, float]], float]  # constants in MPa -> RMS error in mm, inf without equilibrium
@@ -23,40 +23,35 @@ SHARES = 41
 TOTALS = 60  # sums of the first grid, even in their logarithm
 
 
-@dataclass(frozen=True)
-class Ridge:
-    """Best sums total (h,) MPa for shares (h,) and their errors rms_mm (h,), as far as within the bounds.
+def agreeing(share: Array, rms_mm: Array, *, sd_mm: float, count: int) -> tuple[float, float]:
+    """Lowest and highest of the shares (h,) in the 95 % interval of the profile likelihood
+    (doi:10.2307/2347496).
 
-    >>> import numpy as np
-    >>> line = Ridge(np.linspace(0, 1, 5), np.full(5, 0.3), np.array([3.0, 1.5, 0.5, 1.5, 3.0]))
-    >>> line.agreeing(sd_mm=1.1, count=2)
+    count: number of residuals, each with an error of sd_mm; their chi2 may exceed the least one by the
+    95 % quantile of chi2 with one degree of freedom.
+
+    >>> agreeing(np.linspace(0, 1, 5), np.array([3.0, 1.5, 0.5, 1.5, 3.0]), sd_mm=1.1, count=2)
     (0.25, 0.75)
     """
-
-    share: Array
-    total: Array
-    rms_mm: Array
-
-    def agreeing(self, *, sd_mm: float, count: int) -> tuple[float, float]:
-        """Lowest and highest share in the 95 % interval of the profile likelihood (doi:10.2307/2347496).
-
-        count: number of residuals, each with an error of sd_mm; their chi2 may exceed the least one by the
-        95 % quantile of chi2 with one degree of freedom.
-        """
-        chi2 = count * self.rms_mm**2 / sd_mm**2
-        inside = self.share[chi2 <= chi2.min() + chdtri(1, 0.05)]
-        return float(inside.min()), float(inside.max())
+    chi2 = count * rms_mm**2 / sd_mm**2
+    inside = share[chi2 <= chi2.min() + chdtri(1, 0.05)]
+    return float(inside.min()), float(inside.max())
 
 
-def ridge(cost: Cost, parameters: tuple[Parameter, ...]) -> Ridge:
-    """Ridge of an error within the bounds of C10 and C01. Raises ValueError where there is none."""
+def ridge(cost: Cost, parameters: tuple[Parameter, ...], *, sd_mm: float, count: int) -> Ridge:
+    """Ridge of an error within the bounds of C10 and C01: the best sum for every share, and the shares that
+    agree with `count` readings of an error sd_mm. Raises ValueError where there is none."""
     shares = np.linspace(0.0, 1.0, SHARES)
     rows = [(share, *best) for share in shares if (best := _lowest(cost, parameters, share))]
     if not rows:
         raise ValueError(
             "no C10 + C01 within [calibrate] bounds has the least error for any share; widen the bounds"
         )
-    return Ridge(*np.array(rows, float).T)
+    share, total, rms_mm = np.array(rows, float).T
+    return Ridge(
+        share=share.tolist(), total_MPa=total.tolist(), rms_mm=rms_mm.tolist(),
+        agreeing_share=agreeing(share, rms_mm, sd_mm=sd_mm, count=count),
+    )  # fmt: skip
 
 
 def _lowest(cost: Cost, parameters: tuple[Parameter, ...], share: float) -> tuple[float, float] | None:

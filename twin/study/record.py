@@ -23,24 +23,14 @@ class Side(Record):
     share: float
     rms_mm: float = Field(description="error of the objective")
     u_mm: list[float] = Field(description="displacements of the points")
+    stated: bool = Field(default=False, description="of an initial model: by `[study]`")
+    reduction_percent: float = Field(default=0.0, description="of another initial model: fall of the error")
 
     def __str__(self) -> str:
         return f"C10 = {self.C10:.3g}, C01 = {self.C01:.3g} MPa"
 
 
-class Initial(Side):
-    """The initial model."""
-
-    stated: bool = Field(description="by `[study]`")
-
-
-class Start(Side):
-    """Another initial model."""
-
-    reduction_percent: float = Field(description="fall of the error from it")
-
-
-class RidgeLine(Record):
+class Ridge(Record):
     """The best sum C10 + C01 for every share C01 / (C10 + C01)."""
 
     share: list[float]
@@ -89,7 +79,7 @@ class Study(Record):
     pressure_MPa: float
     measured_mm: list[float]
     measured_sd_mm: float
-    initial: Initial = Field(description="the model before")
+    initial: Side = Field(description="the model before")
     final: Side = Field(description="the best of the genetic algorithm")
     reduction_percent: float = Field(description="fall of the RMS error")
     least_squares: Side = Field(description="the best of least squares")
@@ -99,8 +89,8 @@ class Study(Record):
     published_reduction_from_total_MPa: list[float] = Field(
         description="sums C10 + C01 of initial models that give this fall"
     )
-    starts: list[Start] = Field(description="other initial models")
-    ridge: RidgeLine = Field(description="the best sum for every share")
+    starts: list[Side] = Field(description="other initial models")
+    ridge: Ridge = Field(description="the best sum for every share")
     known: Separation = Field(description="what the targets tell of the share")
     readings: list[FurtherReading] = Field(description="one more reading, best first")
     plans: list[FurtherReadings] = Field(description="several more")

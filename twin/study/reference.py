@@ -24,7 +24,7 @@ from twin.project.folder import Project
 from twin.review.states import Generations
 from twin.study.identifiability import difference, ridge
 from twin.study.loadpathfit import OnPaths
-from twin.study.record import Initial, PointCurve, PointCurves, RidgeLine, Side, Start, Study
+from twin.study.record import PointCurve, PointCurves, Side, Study
 from twin.study.separability import Sensitivities, Separation, spots
 from twin.targets import Array
 
@@ -45,6 +45,11 @@ FIGURES = {  # by name, with their captions
 def file_of(figure: str) -> str:
     """File name of a figure in its run."""
     return f"figure-{figure}.svg"
+
+
+def fall_percent(initial: Side, final: Side) -> float:
+    """Fall of the RMS error from an initial model, in per cent."""
+    return 100.0 * (1.0 - final.rms_mm / initial.rms_mm)
 
 
 @dataclass(frozen=True)
@@ -74,23 +79,21 @@ class Reference:
         table, names = project.config.study or StudyTable(), project.config.objective_points
         sd_mm, reduction = o.sd_mm(on.bench.targets), table.published_reduction_percent
         initial, final = self.side(MOONEY_RIVLIN.of(table.initial or NOMINAL.named)), self.side(best)
-        starts = [(s, 100.0 * (1.0 - final.rms_mm / s.rms_mm)) for s in (initial, *self.starts(initial))]
-        line, sensitivities = ridge(on.cost, on.bench.elasticity.parameters), self.sensitivities
+        initial = initial.model_copy(update={"stated": bool(table.initial)})
+        sensitivities = self.sensitivities
         accuracy: tuple[Array, Constants, float] = (self.information, best, sd_mm)
         return Study(
             points=list(names), component=o.component + 1, pressure_MPa=self.top,
             measured_mm=o.measured.tolist(), measured_sd_mm=sd_mm,
-            initial=Initial(**initial.model_dump(), stated=bool(table.initial)), final=final,
-            reduction_percent=starts[0][1],
+            initial=initial, final=final, reduction_percent=fall_percent(initial, final),
             least_squares=self.side(mooney_rivlin(*map(float, self.fit.theta))),
             difference=difference(best.named, self.fit, on.cost, sd_mm=sd_mm)[0],
             published=self.side(MOONEY_RIVLIN.of(table.published)) if table.published else None,
             published_reduction_percent=reduction,
             published_reduction_from_total_MPa=self.matching(initial.share, final, reduction),
-            starts=[Start(**side.model_dump(), reduction_percent=fall) for side, fall in starts[1:]],
-            ridge=RidgeLine(share=line.share.tolist(), total_MPa=line.total.tolist(),
-                            rms_mm=line.rms_mm.tolist(),
-                            agreeing_share=line.agreeing(sd_mm=sd_mm, count=len(names))),
+            starts=[s.model_copy(update={"reduction_percent": fall_percent(s, final)})
+                    for s in self.starts(initial)],
+            ridge=ridge(on.cost, on.bench.elasticity.parameters, sd_mm=sd_mm, count=len(names)),
             known=Separation.of(*accuracy),
             readings=sensitivities.readings(*accuracy),
             plans=sensitivities.plans(*accuracy, names=names, component=o.component, top=self.top),
