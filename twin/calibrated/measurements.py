@@ -65,7 +65,7 @@ def read_table(
 
     >>> read_table(frame.drop(columns="pressure_kPa"), points={"tip": (110, 11.5, 0)}, sd_mm=0.02)
     Traceback (most recent call last):
-    ValueError: the file does not say all that is needed; wanted, as keys of [import], log (pressure log, ...
+    ValueError: [import]: the file does not say all that is needed; wanted log (pressure log, ...
     """
     if not isinstance(points, Mapping) or not points:
         raise ValueError(f"points = {points!r}: wanted places in mm, such as {{'tip': (110, 11.5, 0)}}")

@@ -35,7 +35,7 @@ INITIAL, FINAL, EXPERIMENT = "initial model", "updated model", "experiment"
 MANY = 20  # readings of a film are drawn small
 COLOURS = {EXPERIMENT: MUTED, INITIAL: BEFORE, FINAL: AFTER}
 MARKS = (("*", "#e69f00"), ("s", "white"), ("D", "#cc79a7"), ("^", BEFORE))  # shape and colour of models
-LEGEND: dict[str, Any] = {"side": "left", "columns": 4, "columnspacing": 1.2}
+LEGEND: dict[str, Any] = {"loc": "outside upper left", "columns": 4, "columnspacing": 1.2}
 BARS = 0.26  # width of a bar, of the distance from one point to the next
 
 

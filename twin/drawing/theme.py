@@ -102,12 +102,12 @@ def panels(
     return figure, grid[:count], grid[::columns]
 
 
-def legend_above(figure: Figure, axes: Axes, *, side: str = "right", columns: int = 99, **style: Any) -> None:
-    """Name the curves of all panels once, above them: at the side, so many beside each other at most."""
+def legend_above(
+    figure: Figure, axes: Axes, *, loc: Any = "outside upper right", columns: int = 99, **style: Any
+) -> None:
+    """Name the curves of all panels once, above them, `columns` beside each other at most."""
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc=f"outside upper {side}", ncols=min(columns, len(labels)), fontsize=8.5, **style
-    )
+    figure.legend(handles, labels, loc=loc, ncols=min(columns, len(labels)), fontsize=8.5, **style)
 
 
 def label_ends(

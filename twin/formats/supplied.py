@@ -37,7 +37,7 @@ def check_stated(recorded: Recorded, table: ImportTable, log: Path | None) -> No
         del missing["fps"]  # single steps, a row of the log each
     if missing:
         each = "; ".join(f"{key} ({what})" for key, what in missing.items())
-        raise ValueError(f"the file does not say all that is needed; wanted, as keys of [import], {each}")
+        raise ValueError(f"[import]: the file does not say all that is needed; wanted {each}")
     if table.sd_mm is not None and table.still_steps is not None:
         raise ValueError(
             f"import.sd_mm = {table.sd_mm:g} and import.still_steps: both say how large the noise is; leave "

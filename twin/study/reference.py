@@ -114,7 +114,10 @@ class Reference:
     def side(self, constants: Constants) -> Side:
         """Record of the model with these constants. ValueError without an equilibrium at the top pressure."""
         c, u_mm = constants, self.predicted(constants, np.array([self.top]))[0].tolist()
-        return Side(**c.named, total=c.scale, share=c.shape[0], rms_mm=self.on.cost(c.named), u_mm=u_mm)
+        return Side(
+            C10=c["C10"], C01=c["C01"], total=c.scale, share=c.shape[0], rms_mm=self.on.cost(c.named),
+            u_mm=u_mm,
+        )  # fmt: skip
 
     def predicted(self, constants: Constants, pressure: Array) -> Array:
         """The objective's component (k, p) in mm at pressures (k,) MPa, relative to the reference."""
