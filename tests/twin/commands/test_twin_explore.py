@@ -102,13 +102,14 @@ def test_a_response_answers_as_whole_solves_do(project: Project, monkeypatch: py
 def test_a_response_holds_walls_that_are_not_as_drawn(
     tmp_path: Path, one_process: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The nodes of thinner walls are no places of the walls as drawn, with which a response begins."""
+    """The nodes of thinner walls are no places of other walls, by which a response would differentiate."""
     monkeypatch.setattr(exploration, "SOLVES", 3)
     project = bare(tmp_path / "taper", effects=("wall_taper",))
     finger, variables, _ = asked_ranges(project, ["C10=0.2:0.3"], 0.015)
     finger = replace(finger, values={**finger.values, "wall_taper.mm": -0.4})
-    row = {"C10": 0.23}
-    _agree(FieldResponse.of(finger, variables).row(row), solved_row(finger, row))
+    response, row = FieldResponse.of(finger, variables), {"C10": 0.23}
+    assert response.names == ("C10", "C01")
+    _agree(response.row(row), solved_row(finger, row))
 
 
 def _agree(a: FingerAnswer | str, b: FingerAnswer | str) -> None:
