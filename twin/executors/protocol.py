@@ -29,29 +29,6 @@ class Executor(Protocol):
         ...
 
 
-def gathered(
-    executor: Executor, tasks: Sequence[Task], *, keep: Callable[[int, Any], None] | None = None
-) -> Iterator[Any]:
-    """The results in the order of the tasks, whichever ends first.
-
-    keep: called with number and result of each task as it ends, for a cache on the disk: a killed run then
-    keeps every finished result. It must not depend on the order.
-
-    >>> from twin.executors.local import Threads
-    >>> list(gathered(Threads(2), [lambda: 3, lambda: 1, lambda: 2]))
-    [3, 1, 2]
-    """
-    waiting: dict[int, Any] = {}
-    due = 0
-    for k, result in executor.ended(tasks):
-        if keep is not None:
-            keep(k, result)
-        waiting[k] = result
-        while due in waiting:
-            yield waiting.pop(due)
-            due += 1
-
-
 def solved_by(task: Task) -> tuple[Any, effort.Effort]:
     """A task's result, and the number and size of its solves."""
     before = effort.so_far()

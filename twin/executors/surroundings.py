@@ -5,15 +5,13 @@ Workers must agree with this computer in all of it but the processor, of which t
 
 import os
 import platform
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from hashlib import sha256
 from importlib import import_module, metadata
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("vision", "fe", "calibrate", "twin")
+from twin.model.arraycache import PACKAGES as ROOT
+from twin.model.arraycache import sources_digest
+
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pypardiso", "mkl", "pymoo")
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
@@ -49,16 +47,8 @@ class Surroundings:
         versions = [("python", platform.python_version()), ("machine", _machine())]
         versions += [(name, _version(name)) for name in ("softtwin", *LIBRARIES)]
         threads = tuple((name, os.environ.get(name, "not set")) for name in THREADS)
-        return Surroundings(tuple(versions), sources_of(ROOT), threads, _features())
-
-
-def sources_of(root: Path, packages: Sequence[str] = PACKAGES) -> str:
-    """A digest of the Python sources and tables of packages below a folder."""
-    h = sha256()
-    for package in packages:
-        for file in sorted(f for f in (root / package).rglob("*") if f.suffix in (".py", ".npz")):
-            h.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
-    return h.hexdigest()[:12]
+        sources = sources_digest(ROOT, ("vision", "fe", "calibrate", "twin"))[:12]
+        return Surroundings(tuple(versions), sources, threads, _features())
 
 
 def _machine() -> str:

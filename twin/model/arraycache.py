@@ -5,7 +5,7 @@ A key is a digest of everything that an array depends on. `code_digest` stands f
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -38,12 +38,13 @@ def code_digest() -> str:
     return sources_digest(PACKAGES)
 
 
-def sources_digest(root: Path) -> str:
-    """The digest of the sources below a folder that holds the packages, and of softtwin's version."""
+def sources_digest(root: Path, sources: Sequence[str] = SOURCES) -> str:
+    """The digest of sources and tables below a folder that holds the packages, and of softtwin's version."""
     h = hashlib.sha256(metadata.version("softtwin").encode())
-    for source in SOURCES:
+    for source in sources:
         folder = root / source
-        for file in [folder] if folder.is_file() else sorted(folder.rglob("*.py")):
+        below = (f for f in folder.rglob("*") if f.suffix in (".py", ".npz"))
+        for file in [folder] if folder.is_file() else sorted(below):
             h.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
     return h.hexdigest()[:16]
 

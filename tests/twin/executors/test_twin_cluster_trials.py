@@ -18,10 +18,10 @@ import pytest
 
 from tests.messages import saying
 from tests.twin.executors.clusterbench import ONE_THREAD, ROOT, ClusterBench
+from tests.twin.executors.order import gathered
 from twin.executors.clusters import on_cluster
 from twin.executors.daskcluster import Dask
 from twin.executors.local import Processes, Serial, current
-from twin.executors.protocol import gathered
 
 pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow

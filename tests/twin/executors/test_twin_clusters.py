@@ -13,12 +13,13 @@ from typing import Any
 
 import pytest
 
+from tests.twin.executors.order import gathered
 from twin.executors import clusters, daskcluster
 from twin.executors.clusters import SlurmTable, on_cluster, slurm_jobs
 from twin.executors.daskcluster import Dask
 from twin.executors.local import LOCAL, Processes, Serial, current, using
-from twin.executors.protocol import Task, gathered
-from twin.executors.surroundings import Surroundings, sources_of
+from twin.executors.protocol import Task
+from twin.executors.surroundings import Surroundings
 
 HERE = replace(Surroundings.here(), threads=(("OMP_NUM_THREADS", "1"),))
 
@@ -206,17 +207,6 @@ def test_another_processor_is_told_and_a_worker_without_softtwin_is_refused() ->
     with pytest.raises(ConnectionError, match=r"no worker at head for 0\.01 s; start some with `dask worker"):
         Dask(FewWorkers({}), "head", 0.01).check()  # type: ignore[arg-type]
 
-
-def test_a_digest_of_sources_tells_names_and_contents(tmp_path: Path) -> None:
-    (tmp_path / "fe").mkdir()
-    (tmp_path / "fe" / "a.py").write_text("x = 1\n")
-    first = sources_of(tmp_path, ("fe",))
-    (tmp_path / "fe" / "notes.txt").write_text("no source")
-    assert sources_of(tmp_path, ("fe",)) == first
-    (tmp_path / "fe" / "a.py").write_text("x = 2\n")
-    second = sources_of(tmp_path, ("fe",))
-    (tmp_path / "fe" / "a.py").rename(tmp_path / "fe" / "b.py")
-    assert len({first, second, sources_of(tmp_path, ("fe",))}) == 3
 
 
 def test_jobs_of_slurm_have_workers_of_one_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from fe import Case
 from tests.twin.executors.clusterbench import ClusterBench
+from tests.twin.executors.order import gathered
 from twin import effort
 from twin.calibrated.caches import FolderCache
 from twin.effects.ownfiles import own_effects
@@ -21,7 +22,6 @@ from twin.effects.protocol import Effect
 from twin.executors.clusters import on_cluster
 from twin.executors.daskcluster import Dask
 from twin.executors.local import Serial, current, using
-from twin.executors.protocol import gathered
 from twin.executors.surroundings import PACKAGES
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.messages import Say

@@ -15,8 +15,8 @@ import psutil
 import pytest
 
 from fe import Case
+from tests.twin.executors.order import gathered
 from twin.executors.local import WORKERS, Processes, Threads
-from twin.executors.protocol import gathered
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.model.loadpaths import NOTHING, along_path
 

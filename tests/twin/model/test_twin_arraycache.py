@@ -47,6 +47,7 @@ def test_the_digest_of_the_code_changes_with_any_source(tmp_path: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text("x = 1\n")
     seen = [sources_digest(tmp_path)]
+    (tmp_path / "fe" / "notes.txt").write_text("no source")
     assert sources_digest(tmp_path) == seen[0]
     for file in sorted(tmp_path.rglob("*.py")):
         file.write_text("x = 2\n")
