@@ -46,7 +46,8 @@ class ImportTable(TableModel):
     )
     log: RelativePath | None = Field(
         default=None,
-        description="pressure log, with times or one row a step; wanted where no column is as pressure_kPa",
+        description="pressure log, with times or one row a step; wanted where the file has no pressure, such "
+        "as a column pressure_kPa",
     )
     log_column: str | None = Field(
         default=None, description="heading of the pressure in that log, where it cannot be told"

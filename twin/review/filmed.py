@@ -58,7 +58,7 @@ class Filmed:
 
     @property
     def magnified(self) -> int:
-        """Magnification of the error arrows along the film, equal for all models. the same for all models."""
+        """Magnification of the error arrows along the film, equal for all models."""
         return magnified(self.measured - self.models[self.before].markers, self.size)
 
     @property

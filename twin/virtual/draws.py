@@ -19,11 +19,8 @@ REST_S = 1.8  # film A rests until 2 s: the steps before this are the reference
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """Accuracy of a virtual measurement:
-
-    picture noise `sd_mm` a marker and axis, of which kind (a name of NOISE), gauge noise, and how far a
-    marker may sit from its place.
-    """
+    """Accuracy of a virtual measurement: picture noise `sd_mm` a marker and axis, of which kind (a name of
+    NOISE), gauge noise, and how far a marker may sit from its place."""
 
     sd_mm: float = 0.015
     noise: str = "white"

@@ -1,6 +1,5 @@
 """Hidden effects of virtual truths: effects of the library, their physics by another law, and effects outside
-the library. effects of the library, the same physics by another law, and what no library holds. Every entry
-of `KINDS` has one amplitude, `size`, which is 0 where nothing is hidden.
+the library. Every entry of `KINDS` has one amplitude, `size`, which is 0 where nothing is hidden.
 
 They are effects like those of the library (two pure maps), but none of them is ever a candidate.
 """

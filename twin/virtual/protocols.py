@@ -1,6 +1,4 @@
-"""Protocols of the virtual laboratory: pressure courses and benches.
-
-film A, and protocols P1 to P5, each a part of the next.
+"""Protocols of the virtual laboratory: film A, and P1 to P5, each a part of the next.
 
 P1: the tip marker over one ramp. P2: five markers, the same ramp. P3: two cycles at two rates with holds.
 P4: P3 in three directions of gravity, of which the last is held out, the finger weighed. P5: P4 with three
