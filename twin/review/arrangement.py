@@ -28,7 +28,7 @@ def arranged(
     pictures: Sequence[str],
     strains: Strains | None = None,
 ) -> rrb.Blueprint:
-    """Blueprint with the four views as tabs, and a fifth for the strain of a speckled face. filmed: the models
+    """Blueprint with four views as tabs, and a fifth for the strain of a speckled face. filmed: the models
     that are drawn over the film; pictures: titles of those at `pictures/0`, `pictures/1`, ..."""
     paths = {title: f"/pictures/{number}" for number, title in enumerate(pictures)}
     views = [
