@@ -34,10 +34,12 @@ def _locate(case: Case, x: Array) -> tuple[int, Array]:
     X, kind = case.nodes[case.connectivity], case.element
     margin = 0.05 * np.ptp(X, axis=1)
     near = ((X.min(1) - margin <= x) & (X.max(1) + margin >= x)).all(axis=1)
-    for element in np.flatnonzero(near):
-        xi = _inverse(kind, X[element], x)
-        if kind.inside(xi) < OUTSIDE:
-            return int(element), kind.shape(xi[None])[0][0]
+    for nearest_node in (False, True):  # in an element with a bent wall Newton may find another place
+        for element in np.flatnonzero(near):
+            node = np.linalg.norm(X[element] - x, axis=1).argmin()
+            xi = _inverse(kind, X[element], x, kind.local[node] if nearest_node else None)
+            if kind.inside(xi) < OUTSIDE:
+                return int(element), kind.shape(xi[None])[0][0]
     raise ValueError(
         f"point ({x[0]:g}, {x[1]:g}, {x[2]:g}) mm: not in the structure, wanted a material point of it "
         "(mm, undeformed); correct the point's position or its node"
@@ -75,9 +77,9 @@ def _within(kind: Element, X: Array, x: Array) -> Array:
     return xi
 
 
-def _inverse(kind: Element, X: Array, x: Array) -> Array:
-    """Local coordinates of x in one element, by Newton's method from its centre."""
-    xi = kind.local.mean(axis=0)
+def _inverse(kind: Element, X: Array, x: Array, start: Array | None = None) -> Array:
+    """Local coordinates of x in one element, by Newton's method from a start, by default its centre."""
+    xi = kind.local.mean(axis=0) if start is None else start
     for _ in range(20):
         N, dN = kind.shape(xi[None])
         step = np.linalg.lstsq(np.einsum("ai,aJ->iJ", X, dN[0]), x - N[0] @ X, rcond=None)[0]

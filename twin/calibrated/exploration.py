@@ -92,26 +92,13 @@ class VariedFinger:
 
     def model(self, case: Case, *, everywhere: bool = False) -> KeptModel:
         """The model of a case; everywhere: it answers at all nodes."""
-        test = self._test(case)
-        if everywhere:
-            nodes = test.case.nodes
+        test = Test(case, self.path, case.nodes[:1], np.ones(1, bool))
+        if symmetry_support(case) is not None and any(e.breaks_symmetry(test) for e in self.effects):
+            test = replace(test, case=mirrored(case))
+        if everywhere:  # effects may move nodes
+            nodes = KeptModel(test, self.effects, np.array([0])).put(self.values).case.nodes
             test = replace(test, points=nodes, moving=np.ones(len(nodes), bool))
         return KeptModel(test, self.effects, np.array([0]))
-
-    def _test(self, case: Case) -> Test:
-        """A test of a case, whole where an effect breaks its symmetry."""
-        outer = case.nodes[[case.nodes[:, 2].argmin()]]  # which stays where the inner surface moves
-        test = Test(case, self.path, outer, np.ones(1, bool))
-        broken = symmetry_support(case) is not None and any(e.breaks_symmetry(test) for e in self.effects)
-        return replace(test, case=mirrored(case)) if broken else test
-
-    @property
-    def shaped(self) -> "VariedFinger":
-        """The finger with its effects on the shape in its mesh, as its nodes are places of no other shape."""
-        test, shapes = self._test(self.case), [e for e in self.effects if e.order == Order.GEOMETRY]
-        for e in shapes:
-            test = e.before(test, self.values)
-        return replace(self, case=test.case, effects=tuple(e for e in self.effects if e not in shapes))
 
 
 def moves_finger(effect: Effect) -> bool:
@@ -174,7 +161,6 @@ class FieldResponse:
     @staticmethod
     def of(finger: VariedFinger, variables: Sequence[Variable]) -> "FieldResponse":
         """The response of a finger over the ranges of variables. ValueError without an equilibrium there."""
-        finger = finger.shaped
         model = finger.model(finger.case, everywhere=True)
         ranges = {v.name: (v.low, v.high) for v in variables}
         theta = model.theta(finger.values)
