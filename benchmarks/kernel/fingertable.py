@@ -61,7 +61,7 @@ def solved(structure: Structure) -> KnownFinger:
     fields = {key: surface(found, len(fine)) for key, found in solutions.items()}
     paths = FieldSums.of(outer, own.u, WITHIN)
     print(f"fields: {[f.basis.shape[:2] for f in (paths, *fields.values())]}")
-    return KnownFinger(structure.key, own.shares, own.reduced, own.reached, fine, paths, fields)
+    return KnownFinger(structure.key, own.nodes[0], own.reduced, own.reached, fine, paths, fields)
 
 
 def surface(found: Solution, count: int) -> FieldSums:

@@ -88,7 +88,7 @@ def draw(
         rotations=np.zeros(place.shape[:2]),
         fps=RATE,
         blur_px=blur_px,
-        codec="ffv1",
+        codec="rawvideo",
         seed=seed,
     )
 

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice
+from tests.strangers import studio
 from twin.executors.local import Serial, using
+from twin.model import fingertable
 from twin.model.structure import BuiltIn, base_case
 from twin.targets import Noise, PointKind, TargetPoint, Targets, at_node
 
@@ -17,6 +19,13 @@ SHORT = Finger(
     length=10 + 100 / 3, bellows=3, tip_node=(10 + 100 / 3, 11.5, 0.0), middle_node=(4 + 50 / 3, 11.5, 0.0)
 )
 COARSE = Lattice(per_bellow=2, ring=False, centred=False)
+TABLE = Path(__file__).with_name("shortfinger.npz")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def known_finger() -> None:
+    """The short finger has a table of load paths and finer meshes, as the fingers of the demos have."""
+    fingertable.FILES["short"] = str(TABLE)
 
 
 @pytest.fixture(scope="session")
@@ -42,11 +51,17 @@ def coarsest_case() -> Case:
     return base_case(finger=SHORT, lattice=Lattice(per_bellow=1, ring=False, centred=False))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="session", autouse=True)
 def one_process() -> Iterator[None]:
     """All work in this process: on a finger so small, starting others costs more than they save."""
     with using(Serial()):
         yield
+
+
+@pytest.fixture(scope="session")
+def studio_project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small drawn project that is right, to be copied."""
+    return studio.make(tmp_path_factory.mktemp("studio") / "right")
 
 
 def page_text(path: Path) -> str:

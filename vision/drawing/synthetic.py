@@ -87,14 +87,17 @@ def film(
     # Marks at rest are drawn once; only those of the finger lie in front of its body.
     front = moving | np.array([mark.role == "finger" for mark in marks])
     scene.draw(still, positions[0], rotations[0], np.flatnonzero(~front))
+    shown = [a.reshape(len(a), -1) for a in (positions, rotations, outline) if a is not None]
+    same = np.all([(a[1:] == a[:-1]).all(axis=1) for a in shown], axis=0) & (face is None)
     with Writer(Path(path), camera.size, fps=fps, codec=codec, crf=crf) as writer:
         for t in range(len(positions)):
-            picture = still.copy()
-            if outline is not None:
-                scene.body(picture, outline[t])
-            if face is not None:
-                scene.face(picture, face[0], partial(face[1], t))
-            scene.draw(picture, positions[t], rotations[t], np.flatnonzero(front))
+            if t == 0 or not same[t - 1]:
+                picture = still.copy()
+                if outline is not None:
+                    scene.body(picture, outline[t])
+                if face is not None:
+                    scene.face(picture, face[0], partial(face[1], t))
+                scene.draw(picture, positions[t], rotations[t], np.flatnonzero(front))
             writer.add(_expose(picture, noise_grey, rng))
 
 

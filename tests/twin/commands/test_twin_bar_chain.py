@@ -57,7 +57,7 @@ def measured() -> Targets:
 
 
 @pytest.mark.slow
-def test_a_bar_is_calibrated_by_the_weights_that_hang_from_it(tmp_path: Path, one_process: None, say: Lines) -> None:
+def test_a_bar_is_calibrated_by_the_weights_that_hang_from_it(tmp_path: Path, say: Lines) -> None:
     write_targets(tmp_path / "t", measured())
     run_init(tmp_path / "p", say, targets=tmp_path / "t", body="bar:length_mm=60,width_mm=12,height_mm=12",
              density_kg_m3=DENSITY * 1e12)  # fmt: skip

@@ -91,7 +91,7 @@ def _no_solve(*_: object, **__: object) -> None:
 
 @pytest.fixture(scope="module")
 def chain(
-    tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn, one_process: None
+    tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn
 ) -> tuple[Project, Silent]:
     """The project after calibrate, compare, diagnose, add and review."""
     say = Silent()

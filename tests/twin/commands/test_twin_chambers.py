@@ -103,7 +103,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
 
 @pytest.mark.slow
 def test_films_of_one_chamber_each_are_fitted_and_both_filled_is_predicted(
-    project: Project, one_process: None, say: Lines
+    project: Project, say: Lines
 ) -> None:
     found = run_calibrate(project, say)["fit"]["parameters"]
     assert found["C10"]["value"] + found["C01"]["value"] == pytest.approx(TRUTH, rel=0.1)

@@ -72,7 +72,7 @@ def run(*arguments: object) -> None:
 
 @pytest.fixture(scope="module")
 def calibrated(
-    short_case: Case, short_builtin: BuiltIn, tmp_path_factory: pytest.TempPathFactory, one_process: None
+    short_case: Case, short_builtin: BuiltIn, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Path]:
     """A project of the short finger that was calibrated, with nothing missing."""
     folder = tmp_path_factory.mktemp("names") / "batch"

@@ -49,7 +49,8 @@ STUB = BuiltIn(
 )
 TRUE = {"C10": 0.2, "C01": 0.05}
 SD = 2e-4  # mm, of the targets: the stub moves by tenths of a mm
-CANDIDATES = evaluations(6, 3)
+CANDIDATES = evaluations(4, 2)
+BEFORE = 5  # jobs, of which 4 are the first generation, until the run is interrupted
 
 
 def project_at(folder: Path, **model: object) -> Project:
@@ -66,7 +67,7 @@ def project_at(folder: Path, **model: object) -> Project:
     folder.mkdir()
     config = Config(
         points=(PointTable(name="tip", node=4401), PointTable(name="middle", node=5848)),
-        calibrate=CalibrateTable(population=6, generations=3),
+        calibrate=CalibrateTable(population=4, generations=2),
         model=ModelTable(**model),  # type: ignore[arg-type]
     )
     (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
@@ -76,7 +77,7 @@ def project_at(folder: Path, **model: object) -> Project:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """A project that CalculiX calibrated: interrupted in its tenth job, and run again; the decks of either."""
+    """A project that CalculiX calibrated: interrupted in its second generation, and run again; the decks of either."""
 
     project: Project
     say: Lines
@@ -96,14 +97,14 @@ def few_levels() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def calibrated(
-    tmp_path_factory: pytest.TempPathFactory, require: Callable[[str], None], one_process: None
+    tmp_path_factory: pytest.TempPathFactory, require: Callable[[str], None]
 ) -> Calibrated:
     require("ccx")
     project = project_at(tmp_path_factory.mktemp("engine") / "batch", engine="calculix")
     made, own = Calibrated(project, Lines(), [], []), CalculiX.run
 
     def interrupted(self: CalculiX, text: str, **where: Path) -> EngineResult:
-        if len(made.first) == 9:
+        if len(made.first) == BEFORE:
             raise KeyboardInterrupt
         made.first.append(text)
         return own(self, text, **where)
@@ -144,12 +145,12 @@ def test_an_interrupted_run_goes_on_with_the_same_candidates(
     project, again = calibrated.project, tmp_path / "again"
     assert len(project.runs()) == 1  # resumed
     asked = candidates(project)
-    assert len(asked["x"]) == CANDIDATES == 6 + 2 * 4  # an elite of 2 is not solved again
-    assert any("14 jobs for the genetic algorithm" in line for line in calibrated.say.lines)
+    assert len(asked["x"]) == CANDIDATES == 4 + 2  # an elite of 2 is not solved again
+    assert any(f"{CANDIDATES} jobs for the genetic algorithm" in line for line in calibrated.say.lines)
     # what was done is not done again, candidate by candidate, though its generation was not told
-    left = len(np.unique(asked["x"], axis=0)) - 9  # a child may be its parent: that is no job either
-    assert len(set(calibrated.first)) == 9
-    assert 0 < left <= CANDIDATES - 9
+    left = len(np.unique(asked["x"], axis=0)) - BEFORE  # a child may be its parent: that is no job either
+    assert len(set(calibrated.first)) == BEFORE
+    assert 0 < left <= CANDIDATES - BEFORE
     assert not set(calibrated.first) & set(calibrated.second[:left])
 
     def none(*_: object, **__: object) -> None:

@@ -27,7 +27,7 @@ from twin.project.toml import dump
 
 
 @pytest.fixture
-def project(tmp_path: Path, one_process: None) -> Project:
+def project(tmp_path: Path) -> Project:
     """A project without targets, one cell a bellow."""
     return bare(tmp_path / "bare")
 
@@ -179,7 +179,7 @@ def of_body(folder: Path, **model: object) -> Project:
 
 
 @pytest.mark.slow
-def test_dimensions_of_other_bodies_are_varied_beside_their_object(tmp_path: Path, one_process: None) -> None:
+def test_dimensions_of_other_bodies_are_varied_beside_their_object(tmp_path: Path) -> None:
     tube = {"length_mm": 24.0, "offset_mm": 1.8, "fibre_N_per_mm": 5.0}
     plain = of_body(tmp_path / "tube", body="tube", tube=tube)
     asked: dict[str, object] = {"runs": 2, "pressure": "10kPa"}

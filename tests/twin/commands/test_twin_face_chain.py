@@ -35,7 +35,7 @@ FACE = [(6.3, 0.9), (9.1, 2.1), (13.7, 0.4), (22.9, 1.7), (27.2, 0.8), (33.1, 2.
 
 @pytest.fixture(scope="module")
 def project(
-    tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn, one_process: None
+    tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn
 ) -> Project:
     """Targets of another mesh: the markers tip and middle, and seven points of the face."""
     named = [("middle", 5848), ("tip", 4401)]

@@ -25,7 +25,7 @@ BENCH = virtual.Bench(film_hz=4.0, gauge_sd_MPa=3e-4, sd=0.005)
 
 @pytest.fixture(scope="module")
 def found(
-    tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn, one_process: None
+    tmp_path_factory: pytest.TempPathFactory, short_case: Case, short_builtin: BuiltIn
 ) -> tuple[Project, Silent]:
     """The project of a creeping finger after calibrate, diagnose and review."""
     folder = tmp_path_factory.mktemp("films") / "batch"

@@ -54,10 +54,10 @@ def write(folder: Path, places: dict[str, tuple[float, float, float]], dimension
 
 
 @pytest.fixture(scope="module")
-def batch(tmp_path_factory: pytest.TempPathFactory, one_process: None) -> Path:
-    """A project of the finger, its targets solved for a known silicone."""
+def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project of the finger, its targets solved for a known silicone; its name is no mathematics, either."""
     root = tmp_path_factory.mktemp("own") / "batch"
-    project = write(root, PLACES)
+    project = write(root, PLACES, "[project]\nname = '$\\frac{$'\n" + DIMENSIONS)
     structure = structure_of(project)
     points = np.array([p.nearest for p in places_of(project, structure).values()])
     bench = virtual.Bench(film_hz=2.0, gauge_sd_MPa=1e-5, sd=0.002)
@@ -206,9 +206,7 @@ def test_look_draws_the_finger(batch: Path, capsys: pytest.CaptureFixture[str]) 
     assert Project.open(batch).newest("look", "finger.png") == first
 
 
-def test_a_name_with_dollars_is_no_mathematics(tmp_path: Path) -> None:
-    write(tmp_path / "batch", PLACES, "[project]\nname = '$\\frac{$'\n" + DIMENSIONS)
-    run("look", "--project", tmp_path / "batch")
+def test_a_name_with_dollars_is_no_mathematics() -> None:
     one = np.ones(1)
     course = DriftCourse(name="C10", unit="MPa", values=one, low=one, high=one, expected=None, differs=False)
     assert "$\\frac{$</text>" in drift_chart(["$\\frac{$"], [course])

@@ -76,14 +76,14 @@ def fitted(project: Project) -> FitRecord:
 
 
 @pytest.fixture(scope="module")
-def alone(film: Project, one_process: None) -> FitRecord:
+def alone(film: Project) -> FitRecord:
     """The fit of the film alone."""
     run_calibrate(film, Silent())
     return fitted(film)
 
 
 @pytest.fixture(scope="module")
-def joint(film: Project, alone: FitRecord, one_process: None) -> tuple[Project, Silent]:
+def joint(film: Project, alone: FitRecord) -> tuple[Project, Silent]:
     """The project with a tension test, calibrated anew."""
     project, say = with_tests(film, tension(RUBBER), TENSION), Silent()
     run_check(project, say)
@@ -152,7 +152,7 @@ def test_a_fit_is_stale_where_its_tests_have_changed(joint: tuple[Project, Silen
     assert stale(bare, folder) == ["[[material_tests]] of twin.toml has changed since"]
 
 
-def test_a_specimen_of_another_silicone_contradicts_the_film(film: Project, joint: object, one_process: None) -> None:
+def test_a_specimen_of_another_silicone_contradicts_the_film(film: Project, joint: object) -> None:
     project, say = with_tests(film, tension(RUBBER, scale=3.0), TENSION), Silent()
     run_calibrate(project, say)
     record = fitted(project)

@@ -3,6 +3,7 @@ and by measure alone; unusual right inputs pass. All of them are tried by tests 
 
 import re
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -17,49 +18,44 @@ from twin.commands.measure import run_measure
 from twin.inputs.recordings import corrections_of
 from twin.project.folder import Project
 
-
-@pytest.fixture(scope="module")
-def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return Path(studio.make(tmp_path_factory.mktemp("strangers") / "base"))
-
-
 CHECKED = ("positions in cm", "log on another clock", "a finger id that never appears", "film starts in motion",
            "static film in motion", "dark film", "finger's markers lost", "boards not in the pictures")  # fmt: skip
 
 
-@pytest.mark.parametrize("name", few(CHECKED, CHECKED[:2]))
-def test_check_refuses_a_mistake_with_its_sentence(name: str, base: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", few(CHECKED, CHECKED[:1]))
+def test_check_refuses_a_mistake_with_its_sentence(name: str, studio_project: Path, tmp_path: Path) -> None:
     plant, sentence = mistakes.MISTAKES[name]
-    told = planted.told(name, plant, base=base, folder=tmp_path, stages=("check",))
+    told = planted.told(name, plant, base=studio_project, folder=tmp_path, stages=("check",))
     assert told.refused
     assert re.search(sentence, told.sentence), told.sentence
 
 
-ALONE = ("finger's markers lost", "two frame ids exchanged", "film starts in motion", "log on another clock")
+ALONE = ("log on another clock", "finger's markers lost", "two frame ids exchanged", "film starts in motion")
 
 
 @pytest.mark.parametrize("name", few(ALONE, ALONE[:1]))
-def test_measure_alone_refuses_it_and_writes_no_targets(name: str, base: Path, tmp_path: Path) -> None:
+def test_measure_alone_refuses_it_and_writes_no_targets(name: str, studio_project: Path, tmp_path: Path) -> None:
     plant, sentence = mistakes.MISTAKES[name]
-    told = planted.told(name, plant, base=base, folder=tmp_path, stages=("camera", "measure"))
+    told = planted.told(name, plant, base=studio_project, folder=tmp_path, stages=("camera", "measure"))
     assert told.by == "measure"  # which asserts that there are no targets
     assert re.search(sentence if name != "finger's markers lost" else "nothing is measured", told.sentence), told.sentence
 
 
 @pytest.mark.slow
-def test_a_frame_marker_that_alone_is_off_is_left_out_of_the_frame(base: Path, tmp_path: Path) -> None:
+def test_a_frame_marker_that_alone_is_off_is_left_out_of_the_frame(studio_project: Path, tmp_path: Path) -> None:
     name = "a frame marker 2 mm off"
-    told = planted.told(name, mistakes.RIGHT[name], base=base, folder=tmp_path)
+    told = planted.told(name, mistakes.RIGHT[name], base=studio_project, folder=tmp_path)
     assert not told.refused, told.sentence
     assert any("'frame1' lies 2.0" in s and "kept as a fixed marker" in s for s in told.remarks)
     assert not any("frame_sd_mm" in s for s in told.remarks)  # the others keep what is stated
 
 
-def test_check_draws_every_mark(base: Path, tmp_path: Path) -> None:
-    said = planted.Lines()
-    run_check(Project.open(base), said)
+def test_check_draws_every_mark_and_doubts_nothing_of_what_is_right(studio_project: Path, tmp_path: Path) -> None:
+    root, said = shutil.copytree(studio_project, tmp_path / "right"), planted.Lines()
+    run_check(Project.open(root), said)
+    assert not doubted(said)
     assert any(line.startswith("Wrote check.png: the first frame of raw/film.mkv") and "15 of 15 found" in line for line in said)
-    picture = cv2.imread(str(base / "check.png"))
+    picture = cv2.imread(str(root / "check.png"))
     assert picture.shape == (400, 640, 3)
     colour = picture.astype(int)
     rings = (colour[..., 1] > 200) & (colour[..., 0] < 140) & (colour[..., 2] < 90)
@@ -72,34 +68,36 @@ RECORDED = ("columns exchanged", "time in min", "a static film of one picture", 
             "a gap in the log", "the board as a plain chessboard", "boards out of focus")  # fmt: skip
 
 
-@pytest.mark.parametrize("name", few(RECORDED, RECORDED[:2]))
-def test_check_refuses_a_mistake_of_recording(name: str, base: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", few(RECORDED, RECORDED[:1]))
+def test_check_refuses_a_mistake_of_recording(name: str, studio_project: Path, tmp_path: Path) -> None:
     plant, sentence = planted.everything().mistakes[name]
-    told = planted.told(name, plant, base=base, folder=tmp_path, stages=("check",))
+    told = planted.told(name, plant, base=studio_project, folder=tmp_path, stages=("check",))
     assert re.search(sentence, told.sentence), told.sentence
 
 
 DOUBTED = ("a clock that is off by 1 s", "a gauge that does not read zero", "a tip glued 4 mm short")
 
 
-@pytest.mark.parametrize("name", few(DOUBTED, DOUBTED[:2]))
+@pytest.mark.parametrize("name", few(DOUBTED, DOUBTED[:1]))
 @pytest.mark.parametrize("stages", few([("check",), ("camera", "measure")], [("check",)]))
 def test_a_doubt_is_told_by_check_and_by_measure(
-    name: str, stages: tuple[str, ...], base: Path, tmp_path: Path
+    name: str, stages: tuple[str, ...], studio_project: Path, tmp_path: Path
 ) -> None:
     plant, sentence = planted.everything().doubtful[name]
-    told = planted.told(name, plant, base=base, folder=tmp_path, stages=stages)
+    told = planted.told(name, plant, base=studio_project, folder=tmp_path, stages=stages)
     assert planted.is_told(told, sentence), (told.sentence, told.remarks)
 
 
-RIGHT = ("nothing planted", "two cycles", "a small sag")
+def doubted(remarks: Sequence[str]) -> list[str]:
+    return [s for s in remarks if "?" in s or "seen at" in s or "look" in s]
 
 
-@pytest.mark.parametrize("name", few(RIGHT, RIGHT[:1]))
-def test_check_doubts_nothing_of_what_is_right(name: str, base: Path, tmp_path: Path) -> None:
-    told = planted.told(name, planted.everything().right[name], base=base, folder=tmp_path, stages=("check",))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["two cycles", "a small sag"])
+def test_check_doubts_nothing_of_what_is_right(name: str, studio_project: Path, tmp_path: Path) -> None:
+    told = planted.told(name, planted.everything().right[name], base=studio_project, folder=tmp_path, stages=("check",))
     assert not told.refused, told.sentence
-    assert not [s for s in told.remarks if "?" in s or "seen at" in s or "look" in s]
+    assert not doubted(told.remarks)
 
 
 PARTS = 4  # of all that is planted, for workers side by side
@@ -140,35 +138,35 @@ def test_all_files_of_others() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(PARTS))
-def test_every_mistake_is_refused(part: int, base: Path, tmp_path: Path) -> None:
+def test_every_mistake_is_refused(part: int, studio_project: Path, tmp_path: Path) -> None:
     for name, (plant, sentence) in [*planted.everything().mistakes.items()][part::PARTS]:
-        told = planted.told(name, plant, base=base, folder=tmp_path)
+        told = planted.told(name, plant, base=studio_project, folder=tmp_path)
         assert told.refused, name
         assert re.search(sentence, told.sentence), (name, told.sentence)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(PARTS))
-def test_every_doubt_is_told(part: int, base: Path, tmp_path: Path) -> None:
+def test_every_doubt_is_told(part: int, studio_project: Path, tmp_path: Path) -> None:
     for name, (plant, sentence) in [*planted.everything().doubtful.items()][part::PARTS]:
-        told = planted.told(name, plant, base=base, folder=tmp_path)
+        told = planted.told(name, plant, base=studio_project, folder=tmp_path)
         assert planted.is_told(told, sentence), (name, told.sentence, told.remarks)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(PARTS))
-def test_every_right_input_passes(part: int, base: Path, tmp_path: Path) -> None:
+def test_every_right_input_passes(part: int, studio_project: Path, tmp_path: Path) -> None:
     for name, plant in [*planted.everything().right.items()][part::PARTS]:
-        told = planted.told(name, plant, base=base, folder=tmp_path)
+        told = planted.told(name, plant, base=studio_project, folder=tmp_path)
         assert not told.refused, (name, told.sentence)
 
 
 HEAD = "marker,does,from_s,to_s,with,x_px,y_px,sd_px\n"
 
 
-def mended(base: Path, root: Path, lines: str) -> Project:
+def mended(studio_project: Path, root: Path, lines: str) -> Project:
     """The right project with a tip that is hidden for 0.8 s, and corrections."""
-    shutil.copytree(base, root)
+    shutil.copytree(studio_project, root)
     mistakes.RIGHT["the tip hidden for a while"](root)
     (root / "raw" / "corrections.csv").write_text(HEAD + lines)
     text = (root / "twin.toml").read_text()
@@ -176,14 +174,14 @@ def mended(base: Path, root: Path, lines: str) -> Project:
     return Project.open(root)
 
 
-def test_places_clicked_by_hand_become_targets_with_the_sd_of_a_click(base: Path, tmp_path: Path) -> None:
+def test_places_clicked_by_hand_become_targets_with_the_sd_of_a_click(studio_project: Path, tmp_path: Path) -> None:
     rng, frames, sd = np.random.default_rng(2), np.arange(25, 33), 0.7
     place = studio.motion(studio.marks_of(), np.arange(studio.FRAMES) / 10.0)[:, -1]
     lens, (rvec, tvec) = studio.camera()
     seen = cv2.projectPoints(place[frames], rvec, tvec, lens.matrix, lens.distortion)[0].reshape(-1, 2)
     clicks = seen + sd * rng.standard_normal(seen.shape)
     lines = "".join(f"tip,place,{f / 10},,,{x:.2f},{y:.2f},{sd}\n" for f, (x, y) in zip(frames, clicks, strict=True))
-    project = mended(base, tmp_path / "mended", lines)
+    project = mended(studio_project, tmp_path / "mended", lines)
     said = planted.Lines()
     run_camera(project, said)
     run_measure(project, said)
@@ -211,11 +209,11 @@ def test_places_clicked_by_hand_become_targets_with_the_sd_of_a_click(base: Path
         ("tip,place,one,,,1,1,", r"'one': wanted a finite number in s"),
     ],
 )
-def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: str, base: Path, tmp_path: Path) -> None:
+def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: str, studio_project: Path, tmp_path: Path) -> None:
     root = tmp_path / "wrong"
     (root / "raw").mkdir(parents=True)
     (root / "raw" / "corrections.csv").write_text(HEAD + line + "\n")
-    text = (base / "twin.toml").read_text()
+    text = (studio_project / "twin.toml").read_text()
     (root / "twin.toml").write_text(re.sub(r"# corrections = \.\.\..*", 'corrections = "raw/corrections.csv"', text))
     project = Project.open(root)
     with pytest.raises(ValueError, match=sentence):
@@ -223,14 +221,14 @@ def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: s
 
 
 @pytest.mark.slow
-def test_a_frame_rate_for_a_video_file_is_told(base: Path, tmp_path: Path) -> None:
-    told = planted.told("fps", planting.camera_with(fps=20.0), base=base, folder=tmp_path, stages=("check",))
+def test_a_frame_rate_for_a_video_file_is_told(studio_project: Path, tmp_path: Path) -> None:
+    told = planted.told("fps", planting.camera_with(fps=20.0), base=studio_project, folder=tmp_path, stages=("check",))
     assert any("cameras.fps = 20 is for pictures: film.mkv is a video file" in s for s in told.remarks)
 
 
 @pytest.mark.slow
-def test_check_sends_back_to_measure_where_the_targets_are_gone(base: Path, tmp_path: Path) -> None:
-    root, said = Path(shutil.copytree(base, tmp_path / "gone")), planted.Lines()
+def test_check_sends_back_to_measure_where_the_targets_are_gone(studio_project: Path, tmp_path: Path) -> None:
+    root, said = Path(shutil.copytree(studio_project, tmp_path / "gone")), planted.Lines()
     run_camera(Project.open(root), said)
     run_measure(Project.open(root), said)
     assert run_check(Project.open(root), said)["next"] == "calibrate"

@@ -57,7 +57,7 @@ def digests(folder):
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory, one_process, say):
+def rig(tmp_path_factory, say):
     """A folder with the former batch, recalibrated, and the new one, as `init --like` and the user leave it."""
     folder = tmp_path_factory.mktemp("my batches ü")
     make_batch.write_raw(folder / OLD / "raw", FIRST)

@@ -81,7 +81,7 @@ def few_levels(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_a_project_of_yeohs_rubber_finds_its_constants(tmp_path: Path, one_process: None, say: Lines) -> None:
+def test_a_project_of_yeohs_rubber_finds_its_constants(tmp_path: Path, say: Lines) -> None:
     project = project_of(tmp_path / "yeoh", "yeoh")
     found = run_calibrate(project, say)
     values = {name: row["value"] for name, row in found["fit"]["parameters"].items()}
@@ -98,7 +98,7 @@ def test_a_project_of_yeohs_rubber_finds_its_constants(tmp_path: Path, one_proce
 
 
 @pytest.mark.slow
-def test_a_law_of_many_numbers_is_found_by_whole_solves(tmp_path: Path, one_process: None, say: Lines) -> None:
+def test_a_law_of_many_numbers_is_found_by_whole_solves(tmp_path: Path, say: Lines) -> None:
     project = project_of(tmp_path / "ogden", "ogden2")
     found = run_calibrate(project, say)
     assert list(found["fit"]["parameters"]) == ["mu1", "alpha1", "mu2", "alpha2"]
@@ -171,7 +171,7 @@ def test_constants_that_the_law_has_not_are_named(tmp_path: Path) -> None:
             Workbench.of(wrong)
 
 
-def test_laws_are_told_apart_as_far_as_the_targets_can(tmp_path: Path, one_process: None, say: Lines) -> None:
+def test_laws_are_told_apart_as_far_as_the_targets_can(tmp_path: Path, say: Lines) -> None:
     project = project_of(tmp_path / "laws", "mooney-rivlin")
     found = run_calibrate(project, say, laws="neo-hooke,yeoh")
     first, second = found["laws"]

@@ -69,7 +69,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
         shift = sink(time)
         place[:, -1, ::2] += shift
         synthetic.film(
-            root / "raw" / name, camera=lens, pose=pose, marks=marks, positions=place, codec="ffv1",
+            root / "raw" / name, camera=lens, pose=pose, marks=marks, positions=place, codec="rawvideo",
             rotations=np.zeros(place.shape[:2]), fps=studio.RATE, seed=len(time),
             face=(studio.Y, textured(shift)),
         )  # fmt: skip
@@ -142,7 +142,7 @@ def test_a_picture_without_texture_says_what_to_do(project: Project, tmp_path: P
 
     synthetic.film(
         root / "raw" / "film.mkv", camera=lens, pose=pose, marks=marks, positions=studio.motion(marks, np.zeros(2)),
-        rotations=np.zeros((2, len(marks))), codec="ffv1", face=(studio.Y, plain),
+        rotations=np.zeros((2, len(marks))), codec="rawvideo", face=(studio.Y, plain),
     )  # fmt: skip
     (root / "twin.toml").write_text(dump(studio.config_of()))
     with pytest.raises(ValueError, match=r"no feature of 9\.\d+ mm on the finger that can be followed; wanted texture"):

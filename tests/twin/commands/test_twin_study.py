@@ -62,7 +62,7 @@ class Done:
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory, short_builtin: BuiltIn, one_process: None) -> Done:
+def done(tmp_path_factory: pytest.TempPathFactory, short_builtin: BuiltIn) -> Done:
     say = Lines()
     project = Project.open(study_at(tmp_path_factory.mktemp("study") / "mine"), builtin=short_builtin)
     result = run_study(project, say)

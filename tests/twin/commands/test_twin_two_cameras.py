@@ -112,7 +112,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
             place, turn = motion(at)
             synthetic.film(
                 root / "raw" / f"{name}-{film}.mkv", camera=camera_of(name), pose=CAMERAS[name][1], marks=marks(),
-                positions=place, rotations=turn, codec="ffv1", seed=7 * k + len(at),
+                positions=place, rotations=turn, codec="rawvideo", seed=7 * k + len(at),
             )  # fmt: skip
     time = np.arange(-1, 6, 0.02)
     pressure = 0.03 * np.clip((time - 2.0) / 1.2, 0.0, 1.0) + 1e-5 * (np.arange(len(time)) % 3)

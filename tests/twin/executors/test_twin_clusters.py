@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from contextvars import Context
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +18,7 @@ from tests.twin.executors.order import gathered
 from twin.executors import clusters, daskcluster
 from twin.executors.clusters import SlurmTable, on_cluster, slurm_jobs
 from twin.executors.daskcluster import Dask
-from twin.executors.local import LOCAL, Processes, Serial, current, using
+from twin.executors.local import LOCAL, Processes, Serial, Threads, current, using
 from twin.executors.protocol import Task
 from twin.executors.surroundings import Surroundings
 
@@ -41,12 +42,13 @@ def test_results_come_in_the_order_of_the_tasks_and_are_kept_as_they_end() -> No
 
 
 def test_an_executor_holds_for_its_block() -> None:
-    assert current() == LOCAL == Processes()
-    with using(Serial()):
-        assert current() == Serial()
-    with pytest.raises(ZeroDivisionError), using(Serial()):
+    assert Context().run(current) == LOCAL == Processes()
+    outside = current()
+    with using(Threads(2)):
+        assert current() == Threads(2)
+    with pytest.raises(ZeroDivisionError), using(Threads(2)):
         next(Serial().ended([partial(divmod, 1, 0)]))
-    assert current() == LOCAL
+    assert current() == outside
 
 
 @pytest.mark.parametrize(

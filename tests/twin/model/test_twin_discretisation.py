@@ -3,7 +3,7 @@
 Truths on still finer meshes, over random constants and pressures: docs/records/meshes.md.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from twin import virtual
 from twin.effects.library import effect
 from twin.judging.fitting import ModelErrors
 from twin.laws.mooneyrivlin import NAMES, NOMINAL
-from twin.model import prediction
+from twin.model import discretisation, prediction
 from twin.model.arraycache import rounded_up
 from twin.model.discretisation import Discretisation, SolvedAt, _tested, discretisation_error
 from twin.model.keptmodel import base_model
@@ -41,6 +41,14 @@ class Draw:
         """The root mean square in mm by which the truth differs from what the model predicts on a mesh."""
         error = (self.targets.value - self.model.on_mesh(mesh).predict(THETA))[:, self.model.test.moving]
         return float(np.sqrt(np.nanmean(error**2)))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def no_table() -> Iterator[None]:
+    """The finer meshes are solved: this finger has no table here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(discretisation, "table_of", lambda _: None)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import pytest
 
 from fe import Case, Finger, Lattice, Material, Path, solve
 from tests.messages import saying
+from twin.contract.specimen import COARSE, SMALL
 from twin.laws.catalogue import LAWS
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, mooney_rivlin
 from twin.model.arraycache import no_cache
@@ -27,15 +28,22 @@ def points(case: Case) -> Array:
 
 
 @pytest.fixture(scope="module")
-def paths(case: Case, points: Array) -> LoadPaths:
-    return load_paths(case, points, cache=no_cache, key="k")
+def bellow() -> tuple[Case, Array]:
+    """One bellow and its tip."""
+    case = base_case(finger=SMALL, lattice=COARSE)
+    return case, case.position(4401)[None]
+
+
+@pytest.fixture(scope="module")
+def paths(bellow: tuple[Case, Array]) -> LoadPaths:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("twin.model.loadpaths.LEVELS", 6)
+        return load_paths(*bellow, cache=no_cache, key="k")
 
 
 @pytest.mark.slow
-def test_the_table_is_full_finite_elements_within_a_hundredth(
-    case: Case, points: Array, paths: LoadPaths
-) -> None:
-    rng = np.random.default_rng(3)
+def test_the_table_is_full_finite_elements_within_a_hundredth(case: Case, points: Array) -> None:
+    rng, paths = np.random.default_rng(3), load_paths(case, points, cache=no_cache, key="k")
     moved = []
     for _ in range(6):
         C10, C01 = rng.uniform(0.05, 0.4), rng.uniform(0.0, 0.3)
@@ -125,8 +133,8 @@ def test_the_same_constants_give_the_same_bits_every_time() -> None:
     assert len(found) == 1
 
 
-def test_a_law_of_more_shapes_than_two_has_paths_of_one_shape_alone(case: Case, points: Array) -> None:
-    law = LAWS["ogden2"]
+def test_a_law_of_more_shapes_than_two_has_paths_of_one_shape_alone(bellow: tuple[Case, Array]) -> None:
+    law, (case, points) = LAWS["ogden2"], bellow
     with pytest.raises(ValueError, match=saying("'ogden2'", "3", "2")):
         load_paths(case, points, law, cache=no_cache, key="k", top=0.1)
     own = law.nominal

@@ -5,28 +5,22 @@ from pathlib import Path
 import pytest
 
 from tests.strangers import received
-from tests.strangers.studio import make
 from twin.project import trust
 
 
-@pytest.fixture(scope="module")
-def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return Path(make(tmp_path_factory.mktemp("received") / "base"))
-
-
-def test_nothing_is_read_outside(base: Path, tmp_path: Path) -> None:
+def test_nothing_is_read_outside(studio_project: Path, tmp_path: Path) -> None:
     assert received.unasked(tmp_path / "keys")[1] == 0
     for name in ("raw/pressure.csv", "raw/lens.yml"):
-        assert not received.is_read(base, name, tmp_path)
+        assert not received.is_read(studio_project, name, tmp_path)
 
 
-def test_a_link_that_is_followed_is_seen(base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_link_that_is_followed_is_seen(studio_project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trust, "links", lambda root, config: [])
-    assert received.is_read(base, "raw/pressure.csv", tmp_path)
+    assert received.is_read(studio_project, "raw/pressure.csv", tmp_path, ["check"])
     assert received.unasked(tmp_path / "keys")[1] >= 16
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", received.PLACES)
-def test_no_place_is_read_outside(name: str, base: Path, tmp_path: Path) -> None:
-    assert not received.is_read(base, name, tmp_path)
+def test_no_place_is_read_outside(name: str, studio_project: Path, tmp_path: Path) -> None:
+    assert not received.is_read(studio_project, name, tmp_path)

@@ -33,7 +33,7 @@ def pose(t: float) -> tuple[Array, Array]:
 @pytest.fixture(scope="module")
 def film(tmp_path_factory: pytest.TempPathFactory) -> Video:
     path = tmp_path_factory.mktemp("boards") / "boards.mkv"
-    with Writer(path, TRUTH.size, fps=8.0, codec="ffv1", crf=0) as writer:
+    with Writer(path, TRUTH.size, fps=8.0, codec="rawvideo") as writer:
         for i in range(40):
             picture = synthetic.board_image(TRUTH, BOARD, pose(i / 8.0), seed=i)
             if i % 5 == 3:  # moved while it was exposed
