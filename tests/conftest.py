@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("MPLBACKEND", "Agg")  # before anything imports matplotlib
 # One thread each, as `twin` has: two workers share the machine, and a child must add in the order of its parent.
@@ -27,13 +28,20 @@ HINTS = {
     "pdftoppm": "poppler is not installed (apt package poppler-utils)",
     "egl": "pyvista cannot draw off screen (apt packages libegl1 libegl-mesa0 libgl1-mesa-dri)",
 }
+COMPILING = pytest.StashKey["subprocess.Popen[bytes]"]()
 EGL_PROBE = "import pyvista as pv; p = pv.Plotter(off_screen=True); p.add_mesh(pv.Sphere()); p.screenshot()"
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the element loops once, before the workers start: each would compile them all."""
+    """Compile the element loops once, while the workers look for tests: each would compile them all."""
     if getattr(session.config.option, "numprocesses", None) and not hasattr(session.config, "workerinput"):
-        subprocess.run([sys.executable, "-m", "tests.compile_loops"], cwd=ROOT, check=True)
+        session.config.stash[COMPILING] = subprocess.Popen([sys.executable, "-m", "tests.compile_loops"], cwd=ROOT)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_node_collection_finished(node: Any) -> None:
+    """No test begins before the loops are compiled."""
+    assert node.config.stash[COMPILING].wait() == 0, "tests.compile_loops failed"
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tests.messages import Lines
 from tests.strangers import logs, mistakes, others, recordings, statements
 from tests.strangers.planting import Plant
 from tests.strangers.studio import make
@@ -15,16 +16,6 @@ from twin.commands.camera import run_camera
 from twin.commands.check import run_check
 from twin.commands.measure import run_measure
 from twin.project.folder import Project
-
-
-class Lines(list[str]):
-    """A say that keeps its lines."""
-
-    def __call__(self, text: str, /) -> None:
-        self.append(text)
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        pass
 
 
 @dataclass(frozen=True)

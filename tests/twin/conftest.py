@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fe import Case, Finger, Lattice
+from tests.messages import Lines
 from tests.strangers import studio
 from twin.executors.local import Serial, using
 from twin.model import fingertable
@@ -69,19 +70,6 @@ def page_text(path: Path) -> str:
     page = path.read_text(encoding="utf-8")
     drawings = re.findall(r"data:image/svg\+xml;base64,([^\"]+)", page)
     return "\n".join([page, *(base64.b64decode(text).decode() for text in drawings)])
-
-
-class Lines:
-    """A `say` that keeps the lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def __call__(self, text: str, /) -> None:
-        self.lines.append(text)
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        assert 0 <= done <= total, stage
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,9 @@ import pytest
 
 from fe import Case, Lattice, Material
 from tests.few import few
-from twin import Effect, check_effect, cli, open_project, virtual
+from tests.messages import Lines as Silent
+from tests.messages import run
+from twin import Effect, check_effect, open_project, virtual
 from twin.bench import workbench
 from twin.bench.fits import newest_fit, stale
 from twin.commands.check import run_check
@@ -31,11 +33,6 @@ NAMES, X = ("p1", "p2", "middle", "p4", "tip"), np.array([9.556, 15.111, 4 + 50 
 UP, ALONG = 0.4, 0.2  # N
 
 
-def run(*arguments: object) -> None:
-    """The command line, as a user types it."""
-    assert cli.app(args=[str(a) for a in arguments], standalone_mode=False) in (None, 0)
-
-
 def blocks() -> list[str]:
     """The Python on the page: the file, its check, a notebook."""
     return re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
@@ -44,14 +41,6 @@ def blocks() -> list[str]:
 def example() -> str:
     """The file on the page."""
     return blocks()[0]
-
-
-class Silent:
-    """A `say` that says nothing."""
-
-    def __call__(self, text: str, /) -> None: ...
-
-    def progress(self, stage: str, done: int, total: int, /) -> None: ...
 
 
 @pytest.fixture(scope="module")

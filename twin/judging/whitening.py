@@ -257,6 +257,8 @@ class Whitener:
         square = self.noise.trace_of_square
         square += 2 * float((inner * between.T).sum()) + float((product * product.T).sum())
         mean, variance = trace / self.count, 2 * square / self.count**2
+        if min(mean, variance) <= 0.0:  # by rounding: as many constants as values leave nothing
+            return Expected(0.0, 0.0, 0.0)
         shape = mean**2 / variance
         low, high = np.sqrt(gammaincinv(shape, np.array([0.025, 0.975])) * mean / shape)
         return Expected(float(np.sqrt(mean)), float(low), float(high))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibrate import Parameter, least_squares
-from tests.messages import saying
+from tests.messages import Lines, saying
 from twin import files
 from twin.bench.fits import fresh, named_effects, newest_fit, stale, stale_sentences
 from twin.bench.waterfall import in_words, stairs
@@ -33,16 +33,6 @@ population = 8
 [diagnose]
 candidates = ["creep"]
 """
-
-
-class Lines(list[str]):
-    """A say that keeps its lines."""
-
-    def __call__(self, text: str, /) -> None:
-        self.append(text)
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        pass
 
 
 @pytest.fixture

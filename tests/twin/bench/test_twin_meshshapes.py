@@ -6,19 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.messages import saying, says
-from twin import cli
+from tests.messages import run, saying, says
 from twin.bench.meshshapes import nearest_node, places_asked, poor_shapes, shape_csv, shape_table
 from twin.calibrated.positions import check_points
 from twin.marktables import PointTable
 from twin.model.structure import of_deck
 
 Tube = Callable[..., Path]
-
-
-def run(*arguments: object) -> None:
-    """The command line, as a user types it."""
-    assert cli.app(args=[str(a) for a in arguments], standalone_mode=False) in (None, 0)
 
 
 def test_the_nearest_surface_node_and_how_far_it_is(tube_deck: Tube, tmp_path: Path) -> None:

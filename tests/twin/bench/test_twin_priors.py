@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.messages import saying
-from tests.twin.conftest import Lines
+from tests.messages import Lines, saying
 from twin.bench.priors import TAILS, known_values
 from twin.bench.workbench import own_of
 from twin.commands.calibrate import run_calibrate

@@ -12,7 +12,8 @@ import pytest
 
 from fe.mesh.finger import NAMED_NODES
 from fe.mesh.points import nearest
-from tests.twin.conftest import Lines, plain_targets
+from tests.messages import Lines
+from tests.twin.conftest import plain_targets
 from twin.bodies.bar import BarTable
 from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare

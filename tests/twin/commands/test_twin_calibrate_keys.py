@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.messages import Lines
 from tests.twin.commands.test_twin_engine_chain import STUB, project_at
-from tests.twin.conftest import Lines
 from twin import files
 from twin.bench.fits import fit_file
 from twin.commands.calibrate import run_calibrate

@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
+from tests.messages import Lines
 from twin import files
 from twin.commands.camera import run_camera
 from twin.commands.init import film_config
@@ -16,13 +17,6 @@ from vision import Camera
 from vision.film.video import Writer
 
 CHESS = BoardTable(kind="chessboard", columns=9, rows=6, square_mm=25.0)
-
-
-class Lines(list):
-    """A say that keeps its lines."""
-
-    def __call__(self, text):
-        self.append(text)
 
 
 def make(folder, **changes):

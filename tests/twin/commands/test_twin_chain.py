@@ -16,8 +16,8 @@ from rerun.chunk import RrdReader
 from calibrate.posteriors import Chain
 from fe import Case, Lattice, Material
 from fe import Path as Course
+from tests.messages import Lines as Silent
 from tests.messages import saying, says
-from tests.twin.conftest import Lines as Silent
 from tests.twin.conftest import page_text
 from twin import files, virtual
 from twin.batches.side import entity

@@ -16,7 +16,8 @@ import pytest
 from fe import Case, solve
 from fe import Path as Course
 from fe.deck.reader import read_deck
-from tests.twin.conftest import Lines, plain_targets
+from tests.messages import Lines
+from tests.twin.conftest import plain_targets
 from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
 from twin.commands.export import run_export

@@ -14,8 +14,8 @@ from fe.deck.reader import read_deck
 from fe.element import triangles
 from fe.kernel.assembly import Geometry
 from fe.mesh.refine import enriched
-from tests.messages import saying
-from twin import cli, virtual
+from tests.messages import run, saying
+from twin import virtual
 from twin.bench.workbench import structure_of
 from twin.drawing.deformed import deformed_picture, write_vtu_series
 from twin.model import structure
@@ -27,11 +27,6 @@ Tube = Callable[..., Path]
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 60.0), (8.0, 60.0), (8.4, 0.0), (12.0, 0.0))  # kPa
 NODES = {"tip": 70001, "middle": 70002}
 SILICONE = Material(0.20, 0.06, bulk_ratio=833)
-
-
-def run(*arguments: object) -> None:
-    """The command line, as a user types it."""
-    assert cli.app(args=[str(a) for a in arguments], standalone_mode=False) in (None, 0)
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,9 @@ import pytest
 
 from fe import Case
 from tests.few import few
-from tests.messages import saying
+from tests.messages import run, saying
 from tests.twin.commands import standin_solver
 from tests.twin.conftest import plain_targets
-from twin import cli
 from twin.bench import workbench
 from twin.bench.effectchange import change_effects
 from twin.bench.workbench import Workbench
@@ -63,11 +62,6 @@ VERDICTS = {
 }  # fmt: skip
 ALL = sorted(LIBRARY | FOUND | VERDICTS | named_in_docs())
 ALWAYS = ("creep:wide", "tube:wide", "marker_slip", "marker_slip:p1@2.5s", "pressure_gain + stiffening", "tube or an outside force")
-
-
-def run(*arguments: object) -> None:
-    """The command line, as a user types it."""
-    assert cli.app(args=[str(a) for a in arguments], standalone_mode=False) in (None, 0)
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ from fe.engines.abaqus import Abaqus
 from fe.engines.calculix import CalculiX
 from fe.engines.engine import EngineResult
 from fe.mesh.convert import converted
-from tests.messages import saying
-from tests.twin.conftest import Lines, plain_targets
+from tests.messages import Lines, saying
+from tests.twin.conftest import plain_targets
 from twin import files
 from twin.bench.engines import engine_of, together_of
 from twin.bench.fits import fit_file

@@ -10,8 +10,8 @@ import pytest
 
 from fe import Lattice
 from fe.mesh.finger import NAMED_NODES
-from tests.messages import saying
-from tests.twin.conftest import SHORT, Lines
+from tests.messages import Lines, saying
+from tests.twin.conftest import SHORT
 from twin.bench.explorationranges import asked_ranges
 from twin.calibrated import exploration
 from twin.calibrated.exploration import FieldResponse, FingerAnswer, solved_row

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fe import Case, Lattice, Material
+from tests.messages import Lines as Silent
 from tests.messages import saying
-from tests.twin.conftest import Lines as Silent
 from tests.twin.conftest import page_text
 from twin import virtual
 from twin.bench.workbench import Workbench

@@ -12,8 +12,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from fe import Material, solve
-from tests.messages import saying
-from twin import cli, virtual
+from tests.messages import run, saying
+from twin import virtual
 from twin.bench.workbench import Workbench, places_of, structure_of
 from twin.calibrated.positions import ON_FINGER_MM
 from twin.csvtable import read_sheet
@@ -37,11 +37,6 @@ side_pleat_depth_mm = 1.5
 PLACES = {"tip": (40.3, 8.2, -0.1), "middle": (21.0, 8.6, 1.0)}  # some tenths of a mm off the surface
 SILICONE = Material(0.20, 0.06)
 FILM = ((0.0, 0.0), (2.0, 0.0), (4.0, 12.0), (8.0, 12.0), (8.4, 0.0), (12.0, 0.0))  # kPa
-
-
-def run(*arguments: object) -> None:
-    """The command line, as a user types it."""
-    assert cli.app(args=[str(a) for a in arguments], standalone_mode=False) in (None, 0)
 
 
 def write(folder: Path, places: dict[str, tuple[float, float, float]], dimensions: str = DIMENSIONS) -> Project:

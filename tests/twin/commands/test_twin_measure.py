@@ -10,6 +10,7 @@ import pytest
 import vision
 import vision.drawing.overlays
 import vision.film.series
+from tests.messages import Lines
 from twin import files
 from twin.commands.camera import run_camera
 from twin.commands.check import run_check
@@ -26,16 +27,6 @@ from vision.errors.errorbudget import budget
 
 FPS, FRAMES, STATIC = 10.0, 60, 50  # film from 100 s on, static film from 90 s on, log 50 Hz from 89 to 107 s
 GAUGE = 2e-5  # MPa
-
-
-class Lines(list):
-    """A say that keeps its lines."""
-
-    def __call__(self, text):
-        self.append(text)
-
-    def progress(self, stage, done, total):
-        pass
 
 
 def log_text(*, seed=0, start=89.0, end=107.0):

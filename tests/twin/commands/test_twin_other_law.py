@@ -11,8 +11,8 @@ import pytest
 
 from fe import Path as Course
 from fe import solve
-from tests.twin.conftest import Lines, plain_targets
-from twin import cli
+from tests.messages import Lines, run
+from tests.twin.conftest import plain_targets
 from twin.bench.workbench import Workbench
 from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
@@ -32,11 +32,6 @@ TRUTH = LAWS["yeoh"].of({"C10": 0.25, "C20": 0.05, "C30": 0.01})
 LITTLE = BuiltIn(SMALL, COARSE)
 TOP = 0.08  # MPa: one bellow is stiff
 SD = 1e-4  # mm
-
-
-def run(*arguments: object) -> None:
-    """The command line, as a user types it."""
-    assert cli.app(args=[str(a) for a in arguments], standalone_mode=False) in (None, 0)
 
 
 def targets_of(time: Array, pressure: Array, u: Array, names: dict[str, int]) -> Targets:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from tests.messages import saying
+from tests.messages import Lines, saying
 from tests.strangers import studio
 from twin.commands.camera import run_camera
 from twin.commands.check import run_check
@@ -23,16 +23,6 @@ from twin.project.toml import dump, parse
 from vision.drawing import synthetic
 
 FINGER = (0.0, 0.0, 110.0, 20.5)  # mm, x and z of the speckled part of the side face
-
-
-class Lines(list[str]):
-    """A say that keeps its lines."""
-
-    def __call__(self, text: str, /) -> None:
-        self.append(text)
-
-    def progress(self, stage: str, done: int, total: int, /) -> None:
-        pass
 
 
 def sink(time: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.messages import saying
+from tests.messages import Lines, saying
 from twin import files
 from twin.commands.init import film_config
 from twin.commands.print import RULER, Item, layout, run_print
@@ -21,13 +21,6 @@ from vision.marks import detect
 
 DPI = 254
 PX = DPI / 25.4  # px per mm
-
-
-class Lines(list):
-    """A say that keeps its lines."""
-
-    def __call__(self, text):
-        self.append(text)
 
 
 @pytest.fixture

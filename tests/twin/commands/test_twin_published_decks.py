@@ -16,8 +16,8 @@ import pytest
 from fe import Material, solve
 from fe.deck.reader import read_deck
 from fe.mesh.refine import enriched
-from tests.messages import saying, says
-from twin import cli, virtual
+from tests.messages import run, saying, says
+from twin import virtual
 from twin.bench.workbench import structure_of
 from twin.commands.init import run_init
 from twin.files import read_json
@@ -29,10 +29,6 @@ from twin.project.folder import Project
 from twin.project.targetfiles import write_targets
 
 NAMED = [a for n, x in (("tip", TIP), ("middle", MIDDLE)) for a in ("--node", f"{n}={','.join(map(str, x))}")]
-
-
-def run(*arguments: object) -> None:
-    assert cli.app(args=[str(a) for a in arguments], standalone_mode=False) in (None, 0)
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ import pytest
 from calibrate import Fit, Parameter
 from fe import Case, solve
 from fe import Path as Course
-from tests.twin.conftest import Lines
+from tests.messages import Lines
 from twin.commands.check import run_check
 from twin.commands.diagnose import run_diagnose
 from twin.commands.review import run_review

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.messages import Lines
 from twin import files
 from twin.commands.camera import run_camera
 from twin.commands.measure import run_measure
@@ -35,16 +36,6 @@ PLACES = {
 }
 POINTS = {"middle": (50.0, 12.0, 0.0), "tip": (85.0, 12.0, 0.0)}
 NODES = {"middle": 2529, "tip": 4149}  # within 2 mm of them
-
-
-class Lines(list):
-    """A say that keeps its lines."""
-
-    def __call__(self, text):
-        self.append(text)
-
-    def progress(self, stage, done, total):
-        pass
 
 
 def pose_of(degrees: float) -> tuple[Array, Array]:

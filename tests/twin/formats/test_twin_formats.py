@@ -9,7 +9,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from tests.messages import saying
+from tests.messages import Lines, saying
 from twin.chain import stage_of
 from twin.commands.check import check_project
 from twin.commands.init import run_init
@@ -30,14 +30,6 @@ TIP = np.array([[110.0, 50.0], [109.0, 56.0], [105.0, 70.0], [98.0, 81.0]])
 MIDDLE = np.array([[60.0, 50.0], [59.5, 52.0], [58.0, 57.0], [56.0, 61.0]])
 XY = np.stack([TIP, MIDDLE], axis=1)  # (s,p,2)
 DEPTH = np.array([[7.0, 7.0], [7.1, 7.0], [7.2, 7.1], [7.3, 7.1]])  # (s,p) z
-
-
-class Lines(list):
-    def __call__(self, text: str) -> None:
-        self.append(text)
-
-    def progress(self, stage: str, done: int, total: int) -> None:
-        pass
 
 
 def deeplabcut(folder: Path, *, animals: bool = False) -> Path:

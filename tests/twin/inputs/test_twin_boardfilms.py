@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
-from tests.messages import says
+from tests.messages import Lines, says
 from twin import files
 from twin.commands.camera import run_camera
 from twin.commands.init import film_config
@@ -17,13 +17,6 @@ from twin.project.toml import dump
 BOARD = BoardTable(
     columns=4, rows=5, square_mm=54.0, marker_mm=40.5, dictionary="DICT_4X4_1000", inverted=True
 )
-
-
-class Lines(list):
-    """A say that keeps its lines."""
-
-    def __call__(self, text):
-        self.append(text)
 
 
 def make(folder, data, numbers, **changes):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.messages import saying, says
+from tests.messages import run, saying, says
 from tests.strangers.received import with_path
 from twin import cli, files
 from twin.batches.former import former_of
@@ -31,11 +31,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "batch").mkdir()
     (tmp_path / "batch" / "twin.toml").write_text(TOML)
     return tmp_path / "batch"
-
-
-def run(*arguments: object) -> None:
-    """The command line, as a user types it."""
-    assert cli.app(args=[str(a) for a in arguments], standalone_mode=False) in (None, 0)
 
 
 def with_program(folder: Path) -> Path:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibrate import Fit, Parameter, least_squares
-from tests.twin.conftest import Lines
+from tests.messages import Lines
 from twin.project.folder import Run
 from twin.study.multistart import several_starts
 from twin.targets import Array
