@@ -15,7 +15,7 @@ demo-quick: .venv/run.stamp
 
 # Bytecode is kept, whatever this shell says: the next start takes 10 s less.
 test: .venv/dev.stamp
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-slow: .venv/dev.stamp
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal -m slow

@@ -1,6 +1,7 @@
 """The Python door: the example of docs/python.md as it stands there, and what every method returns."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,11 +10,12 @@ import pandas as pd
 import pytest
 
 import twin
-from fe import Case
+from fe import Case, Finger, Lattice
 from twin import notebook
 from twin.chain import STAGES
 from twin.commands.init import run_init
 from twin.effects.material import Elasticity
+from twin.executors.local import Serial, using
 from twin.formats.catalogue import read_recorded
 from twin.formats.conversion import targets_of
 from twin.formats.importtable import ImportTable
@@ -32,7 +34,12 @@ C10 = 0.21
 
 
 @pytest.fixture(scope="module")
-def batch(short_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def coarsest(short: Finger) -> BuiltIn:
+    return BuiltIn(short, Lattice(per_bellow=1, ring=False, centred=False))
+
+
+@pytest.fixture(scope="module")
+def batch(coarsest_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A project of the short finger with three steps, imported from a plain CSV that the model itself made."""
     folder = tmp_path_factory.mktemp("notebook") / "my-batch"
     nodes = {"tip": 4401, "middle": 5848}
@@ -40,14 +47,15 @@ def batch(short_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
     csv.write_text(rows(np.zeros((3, 2, 3))), encoding="utf-8")
     targets = made(csv, nodes)
     fixed = {"C01": 0.083}
-    model = base_model(targets, short_case, elasticity=Elasticity(fixed=fixed))
+    model = base_model(targets, coarsest_case, elasticity=Elasticity(fixed=fixed))
     csv.write_text(rows(model.predict(model.theta({"C10": C10}))), encoding="utf-8")
     folder.mkdir()
     config = Config(points=tuple(PointTable(name=n, node=k) for n, k in nodes.items()), model=ModelTable(fixed=fixed),
                     calibrate=CalibrateTable(population=4, generations=1, bounds={"C10": (0.15, 0.3), "C01": (0.0, 0.5)}))  # fmt: skip
     (folder / "twin.toml").write_text(dump(config), encoding="utf-8")
     write_targets(folder / "targets", made(csv, nodes))
-    return folder
+    with using(Serial()):  # on a finger so small, starting processes costs more than they save
+        yield folder
 
 
 def rows(u: np.ndarray) -> str:
@@ -61,16 +69,16 @@ def made(csv: Path, nodes: dict[str, int]) -> twin.Targets:
 
 
 @pytest.fixture(scope="module")
-def opened(batch: Path, short_builtin: BuiltIn) -> OpenedProject:
-    return twin.open_project(batch, builtin=short_builtin)
+def opened(batch: Path, coarsest: BuiltIn) -> OpenedProject:
+    return twin.open_project(batch, builtin=coarsest)
 
 
-def test_the_examples_of_the_page_run_as_they_stand(batch: Path, short_builtin: BuiltIn, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_examples_of_the_page_run_as_they_stand(batch: Path, coarsest: BuiltIn, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     examples = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
     assert [len(example.splitlines()) <= 12 for example in examples] == [True, True, True]
     del examples[0]  # a fit without a folder: tests/twin/calibrated/test_twin_calibration.py
     monkeypatch.chdir(batch.parent)
-    monkeypatch.setattr(twin, "open_project", lambda folder: notebook.open_project(folder, builtin=short_builtin), raising=False)
+    monkeypatch.setattr(twin, "open_project", lambda folder: notebook.open_project(folder, builtin=coarsest), raising=False)
     found: dict[str, object] = {}
     exec("".join(examples), found)
     printed = capsys.readouterr().out

@@ -17,7 +17,7 @@ from calibrate.posteriors import Chain
 from fe import Case, Lattice, Material
 from fe import Path as Course
 from tests.messages import Lines as Silent
-from tests.messages import saying, says
+from tests.messages import saying
 from tests.twin.conftest import page_text
 from twin import files, virtual
 from twin.batches.side import entity
@@ -50,7 +50,7 @@ from twin.model import prediction
 from twin.model.structure import BuiltIn
 from twin.numerals import in_words, interval, value
 from twin.project.config import CalibrateTable, Config, DiagnoseTable, ProjectTable
-from twin.project.folder import Project, dataset
+from twin.project.folder import Project
 from twin.project.targetfiles import write_targets
 from twin.project.toml import dump
 from twin.results import rows_of
@@ -346,36 +346,6 @@ def test_errors_are_one_sentence(chain: tuple[Project, Silent]) -> None:
     lost = replace(project, config=project.config.model_copy(update={"points": points}))
     with pytest.raises(ValueError, match=saying("4401", r"twin\.toml", "987654")):
         run_compare(lost, say)
-
-
-@pytest.fixture
-def study(tmp_path: Path) -> Path:
-    """The study's data set, for the short finger, with a genetic algorithm of three generations."""
-    folder, source = tmp_path / "study", dataset("study")
-    (folder / "targets").mkdir(parents=True)
-    text = (source / "twin.toml").read_text(encoding="utf-8")
-    (folder / "twin.toml").write_text(text.replace("generations = 20", "generations = 3"), encoding="utf-8")
-    rows = (source / "targets" / "targets.csv").read_text(encoding="utf-8")
-    # the short finger of these tests moves a tenth of the whole one
-    rows = rows.replace("-58.0", "-5.8").replace("-19.0", "-2.2")
-    (folder / "targets" / "targets.csv").write_text(rows, encoding="utf-8")
-    return folder
-
-
-def test_the_study_says_what_its_data_cannot(study: Path, short_builtin: BuiltIn) -> None:
-    project, say = Project.open(study, builtin=short_builtin), Silent()
-    run_calibrate(project, say)
-    told = " ".join(say.lines)
-    assert "C10 and C01" in told
-    assert "cannot be separated" in told
-    assert "contradict each other" in told
-    says(told, "0.03 MPa", "0.01 MPa")
-    run_compare(project, say)
-    assert "no more data than fitted parameters" in " ".join(say.lines)
-    run_diagnose(project, say)
-    assert "cannot test: no noise model" in " ".join(say.lines)
-    with pytest.raises(ValueError, match="effect 'wobble' is not in the library"):
-        run_add(project, say, names=["wobble"])
 
 
 def test_an_unknown_node_or_an_unseen_point_stops_calibrate(tmp_path: Path, short_case: Case, short_builtin: BuiltIn) -> None:

@@ -16,8 +16,10 @@ import pytest
 from calibrate import Fit, Parameter
 from fe import Case, solve
 from fe import Path as Course
-from tests.messages import Lines
+from tests.messages import Lines, says
+from twin.commands.add import run_add
 from twin.commands.check import run_check
+from twin.commands.compare import run_compare
 from twin.commands.diagnose import run_diagnose
 from twin.commands.review import run_review
 from twin.commands.study import run_study
@@ -219,7 +221,7 @@ def test_diagnose_and_check_do_not_contradict_it(done: Done) -> None:
     say = Lines()
     run_diagnose(done.project, say)
     words = " ".join(say.lines)
-    assert "no noise model" in words
+    assert "cannot test: no noise model" in words
     assert "`twin study`" in words
     run_review(done.project, say)
     assert f"<h1>{done.record['headline']}</h1>" in newest_report(done.project)
@@ -314,3 +316,15 @@ def test_initial_constants_of_twin_toml_are_used(done: Done) -> None:
     assert (found.initial.C10, found.initial.C01) == (0.25, 0.05)
     assert "as stated" in found.sentences[0]
     assert found.reduction_percent == pytest.approx(100 * (1 - found.final.rms_mm / found.initial.rms_mm))
+
+
+def test_calibrate_and_compare_say_what_the_data_cannot(done: Done) -> None:
+    told, say = " ".join(done.lines), Lines()
+    assert "C10 and C01" in told
+    assert "cannot be separated" in told
+    assert "contradict each other" in told
+    says(told, "0.03 MPa", "0.01 MPa")
+    run_compare(done.project, say)
+    assert "no more data than fitted parameters" in " ".join(say)
+    with pytest.raises(ValueError, match="effect 'wobble' is not in the library"):
+        run_add(done.project, say, names=["wobble"])

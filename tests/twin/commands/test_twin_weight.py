@@ -150,6 +150,7 @@ def project(tmp_path_factory: pytest.TempPathFactory, short_case: Case, short: F
     with pytest.MonkeyPatch.context() as patch:
         for name, value in (("SCALES", 4), ("LEVELS", 6)):
             patch.setattr(loadpaths, name, value)
+        patch.setattr(mesh_error, "COUNT", 4)
         patch.setattr(Shape, "nodes", three_nodes)
         found = Project.open(folder, builtin=BuiltIn(short, COARSE))
         for run in (run_check, run_calibrate, run_compare):
