@@ -1,5 +1,6 @@
 """The small finger on which an effect is tried: one bellow under pressure that rises, rests and falls."""
 
+from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache, cached_property
@@ -21,6 +22,7 @@ LENGTH = 10 + 100 / 9  # mm, of one bellow and both caps
 SMALL = Finger(length=LENGTH, bellows=1, tip_node=(LENGTH, 11.5, 0.0), middle_node=(4 + 50 / 9, 11.5, 0.0))
 COARSE = Lattice(per_bellow=2, ring=False, centred=False)
 TOP = 0.04  # MPa
+_SOLVED: deque[tuple[Test, Array]] = deque(maxlen=8)  # the newest tests and their displacements
 TIP_FORCE = 0.1  # N, of the half: without an outside force the clamp carries no moment
 
 
@@ -49,15 +51,17 @@ class Specimen:
         return whole(half) if self.effect.breaks_symmetry(half) else half
 
     def model(self, test: Test | None = None, *, bare: bool = False) -> Model:
-        """The model of the small test with the effect, or without. A new one, which has solved nothing."""
-        effects = (Elasticity(),) if bare else (Elasticity(), self.effect)
+        """The model of the small test with the effect, or without, whose law is held: derivatives are to the
+        effect's parameters alone. A new one, which has solved nothing."""
+        law = Elasticity(fixed={p.name: self.felt[p.name] for p in Elasticity().parameters})
+        effects = (law,) if bare else (law, self.effect)
         return Model(test or self.test, effects, np.array([0]))
 
     def solved(self, values: Theta, **how: Any) -> Array:
         """Displacements (s, p, 3) mm relative to the first output, by a solve from rest."""
         model = self.model(**how)
         test = model.put(values)
-        return model.seen(respond(test, (), start=None)[0], test, values)
+        return model.seen(_responded(test), test, values)
 
     def slopes(self, values: Theta) -> dict[str, Array]:
         """The derivative (s, p, 3) mm per unit of each parameter."""
@@ -108,6 +112,16 @@ def small_test() -> Test:
     corners = [int(case.node_sets["tip_face"][k]) for k in (0, -1)]
     points = np.array([*case.nodes[corners], [20.0, 11.5, 30.0]])
     return Test(case, path, points, np.array([True, True, False]))
+
+
+def _responded(test: Test) -> Array:
+    """Displacements (s, p, 3) mm of a test's points, by a solve from rest, unless a test alike was solved:
+    what acts on the camera or the log alone moves the finger as the base does."""
+    found = next((u for known, u in _SOLVED if alike(known, test)), None)
+    if found is None:
+        found = respond(test, (), start=None)[0]
+        _SOLVED.append((test, found))
+    return found.copy()
 
 
 @cache

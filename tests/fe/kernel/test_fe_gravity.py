@@ -18,7 +18,6 @@ from fe.engines.writer import deck
 from fe.mesh.convert import converted
 from fe.mesh.mirror import mirrored, symmetry_support
 from fe.solver.newton import Problem, equilibrium
-from tests.few import few
 
 Cube = Callable[..., Case]
 DENSITY, G = 1.07e-9, 9810.0  # tonne/mm3, mm/s2
@@ -228,10 +227,10 @@ TURNING = np.where(LOG[:, None] < 2.02, DOWN, G * np.array([0.6, 0.0, 0.8]))
 HISTORY = np.interp(LOG, [0, 1, 2, 2.05, 3, 4], [0, TOP, TOP, 0.0, TOP, TOP])
 
 
-BOTH = [(False, 0.0), (True, DENSITY)]
+SLOW = [pytest.param(False, DENSITY, marks=pytest.mark.slow), pytest.param(True, 0.0, marks=pytest.mark.slow)]
 
 
-@pytest.mark.parametrize(("creeping", "density"), few([*BOTH, (False, DENSITY), (True, 0.0)], BOTH))
+@pytest.mark.parametrize(("creeping", "density"), [(False, 0.0), (True, DENSITY), *SLOW])
 def test_derivatives_to_density(
     stub: Case, monkeypatch: pytest.MonkeyPatch, density: float, *, creeping: bool
 ) -> None:
