@@ -22,8 +22,9 @@ from twin.effects.protocol import Effect
 from twin.gravity import ways
 from twin.judging.fitrecord import MaterialTestsRow
 from twin.judging.jointfit import agreement
-from twin.judging.judged import Judged, judge, judge_fit
+from twin.judging.judged import Judged, judge, judge_base, judge_fit
 from twin.judging.lawerrorlevels import with_laws
+from twin.judging.lawerrors import erring
 from twin.laws.law import Constants, RubberLaw
 from twin.messages import Say
 from twin.model.discretisation import Discretisation, SolvedAt, discretisation_error, meshes_key
@@ -167,8 +168,10 @@ class CalibrationProblem:
 
     def judged(self, model: Model, start: Array, say: Say, *, seed: int = 0) -> Judged:
         """The model fitted from a start (d,) near it, and judged: calibrate, add, drop and diagnose alike."""
-        judged = judge(self.on_mesh(model, start, say), self.targets, starts=start, seed=seed)
-        return with_laws(judged, self.targets)
+        on_mesh = self.on_mesh(model, start, say)
+        if not erring(model):
+            return judge_base(on_mesh, self.targets, starts=start, seed=seed)
+        return with_laws(judge(on_mesh, self.targets, starts=start, seed=seed), self.targets)
 
     def judged_fit(self, model: Model, fit: Fit, say: Say) -> Judged:
         """The model judged at a given fit, without a refit."""

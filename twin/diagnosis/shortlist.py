@@ -18,7 +18,7 @@ from twin.diagnosis.screening import added, paired, screened
 from twin.diagnosis.signatures import Signatures, signatures_of
 from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.effects.requirements import lacking
-from twin.judging.judged import Judged, judge, judge_fit
+from twin.judging.judged import Judged, judge_base, judge_fit
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
@@ -50,10 +50,10 @@ class Task:
         if isinstance(start, Fit):
             fit = judge_fit(self.model, self.targets, start)
         else:
-            fit = judge(self.model, self.targets, starts=start, seed=self.seed)
+            fit = judge_base(self.model, self.targets, starts=start, seed=self.seed)
         if not fit.at_bound:
             return fit
-        again = judge(self.model, self.targets, starts=self.nominal, seed=self.seed)
+        again = judge_base(self.model, self.targets, starts=self.nominal, seed=self.seed)
         return min(fit, again, key=lambda j: j.deviance)
 
     @cached_property

@@ -101,19 +101,17 @@ def judge_base(
 ) -> Judged:
     """A model that may lack an effect, fitted from starts (m, d) or (d,) and judged.
 
-    First with a discrepancy: errors of DISCREPANCY of its motion, smooth in pressure, place, memory and time
-    (Kennedy & O'Hagan 2001, doi 10.1111/1467-9868.00294), and from its end without. Where that fits, it is
-    kept. Where it does not, and asks shared errors to be more than is stated of them, it has paid for what is
-    missing with errors of the measurement, and with constants: then the first is kept, judged without its
-    discrepancy, unless its error is larger.
-
-    The commands `calibrate` and `diagnose` do not use it yet, as the time that it takes was not measured.
+    Where it fits, or asks shared errors to be no more than is stated of them, that is all. Where not, it has
+    paid for what is missing with errors of the measurement, and with constants. Then it is fitted with a
+    discrepancy: errors of DISCREPANCY of its motion, smooth in pressure, place, memory and time
+    (Kennedy & O'Hagan 2001, doi 10.1111/1467-9868.00294), and judged without. The one with the smaller error
+    is kept.
     """
-    task = _Task(model, targets, seed, 25, 0.1, TURNS, DISCREPANCY, motion=True)
-    first = task.ended(starts)
-    plain = judge(model, targets, starts=first.fit.theta, seed=seed)
+    plain = judge(model, targets, starts=starts, seed=seed)
     if plain.comparison.adequate or not plain.comparison.beyond:
         return plain
+    task = _Task(model, targets, seed, 25, 0.1, TURNS, DISCREPANCY, motion=True)
+    first = task.ended(starts)
     task = replace(task, law=0.0, motion=False)
     lacking = task.judged(task._at(first.fit))
     return min(lacking, plain, key=lambda j: j.comparison.raw_rms_mm)

@@ -13,9 +13,10 @@ from twin.gravity import under
 from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitrecord import InitialRow
 from twin.judging.fitting import whitener_of
-from twin.judging.judged import Judged
+from twin.judging.judged import DISCREPANCY, Judged
+from twin.judging.lawerrors import motion_errors
 from twin.judging.likelihood import posed, whitening
-from twin.judging.whitening import Whitener, whitener
+from twin.judging.whitening import LAW, Whitener, whitener
 from twin.laws.law import Constants
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.messages import Say
@@ -109,10 +110,10 @@ class OnPaths:
         if self.bench.jobs is not None or self.of_one_shape:
             return self._by_whole_solves(model, best, say)
         starts = np.array([best, [p.start for p in model.parameters], *more])
-        on_paths = self.fit(self.whitener(best), starts)
+        on_paths = self.fit(self._lacking(self.whitener(best), best), starts)
         say.progress("least squares", 1, 3)
         w = whitener_of(self.bench.on_mesh(model, on_paths.theta, say), on_paths.theta, t)
-        on_mesh = self.fit(w, on_paths.theta[None])
+        on_mesh = self.fit(self._lacking(w, on_paths.theta), np.vstack([on_paths.theta, starts]))
         say.progress("least squares", 2, 3)
         bench = self.bench.reaching(model, on_mesh.theta)
         judged = bench.judged(model, on_mesh.theta, say, seed=bench.project.config.calibrate.seed)
@@ -127,6 +128,14 @@ class OnPaths:
         judged = bench.judged(model, best, say, seed=bench.project.config.calibrate.seed)
         say.progress("least squares", 1, 1)
         return bench, judged
+
+    def _lacking(self, w: Whitener, theta: Array) -> Whitener:
+        """The whitener with what a base model may lack at theta (d,), beside its own errors."""
+        u, test = self.predicted(theta), self.bench.model(()).test
+        if u is None:
+            return w
+        error = motion_errors(u, self.bench.targets, np.asarray(test.points, float)[:, 0])
+        return w.beside(DISCREPANCY * error.modes, (f"{LAW}{error.effect}",) * len(error.modes))
 
     def whitener(self, theta: Array) -> Whitener:
         """The whitener of the targets with the gauge's errors at theta (d,), without an error of the mesh."""
