@@ -30,6 +30,7 @@ from twin.experiments.choice import Member, in_words, next_experiments
 from twin.judging.fitting import noise_of, unresolved
 from twin.judging.frame import frame_test
 from twin.judging.judged import Judged, judge
+from twin.judging.lawerrorlevels import inexact
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
@@ -93,14 +94,14 @@ def _kept(diagnosis: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
         judged = ended(model.theta(diagnosis.start))
     except Unsolvable:  # a step beyond the refit, where there is no such finger
         judged = ended(last.theta)
-    residual = law_residual(judged, targets)
+    residual, judged = law_residual(judged, targets), inexact(judged, targets)
     refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
     rows = tuple(replace(h, refit=refit) if h.label == diagnosis.law else h for h in diagnosis.ranking)
     diagnosis = replace(diagnosis, kept=judged, law_left=residual, ranking=rows)
-    inexact = residual.words(diagnosis.named) if residual else ""
+    doubt = residual.words(diagnosis.named) if residual else ""
     wider = any(e.label != e.name for e in diagnosis.effects)
-    others = unrefitted(diagnosis) if inexact or wider else ""
-    sentences = [diagnosis.sentence, inexact, others, fallen(diagnosis)]
+    others = unrefitted(diagnosis) if doubt or wider else ""
+    sentences = [diagnosis.sentence, doubt, others, fallen(diagnosis)]
     return replace(diagnosis, sentence=" ".join(filter(None, sentences)))
 
 

@@ -4,7 +4,7 @@ No further solve: under the wider errors the fit takes one step along the deriva
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -88,17 +88,37 @@ def asked_for(at_levels: Sequence[Level], evidence: Sequence[float]) -> Level:
 
 
 def with_laws(judged: Judged, targets: Targets, *, refit: bool = True) -> Judged:
-    """A judged model under the law errors that the data ask for, fitted again under them if `refit`. Its
-    intervals and the test of its fit then know that no law is exact."""
+    """A judged model under the law errors that the data ask for, fitted again under them if `refit`. The
+    test of its fit then knows them, and its intervals that no law is exact."""
     if not erring(judged.model):
         return judged
     at_levels = levels(judged, targets)
     law = asked_for(at_levels, [-row.deviance for row in at_levels]).law
-    if not law:
+    if law and refit:
+        judged = judge(judged.model, targets, starts=judged.theta, seed=judged.fit.seed, law=law)
+    elif law:
+        judged = judge_fit(judged.model, targets, judged.fit, law=law)
+    return inexact(judged, targets)
+
+
+def inexact(judged: Judged, targets: Targets) -> Judged:
+    """A judged model whose intervals know that no law is exact, however well it fits: the covariance of its
+    fit is taken over all levels above 0 of its laws' errors, each by its probability.
+
+    With the weights w, the covariance C and the step d to the optimum of each level (Laplace's approximation
+    of the marginal likelihood), it is sum w (C + d d'). Where priors, tests of the silicone, heavy tails or
+    bounds say more than the derivatives of the film, it stays as it is.
+    """
+    if not erring(judged.model) or targets.known or targets.curves or targets.tails or judged.at_bound:
         return judged
-    if not refit:
-        return judge_fit(judged.model, targets, judged.fit, law=law)
-    return judge(judged.model, targets, starts=judged.theta, seed=judged.fit.seed, law=law)
+    exact = judge_fit(judged.model, targets, judged.fit) if judged.errors.law else judged
+    rows = levels(exact, targets)[1:]
+    C = np.array([np.linalg.pinv(row.fitted.T @ row.fitted, rcond=1e-12, hermitian=True) for row in rows])
+    fall = np.linalg.slogdet(C)[1] - np.array([row.deviance for row in rows])
+    w = np.array(WEIGHTS[1:]) * np.exp(np.maximum(fall - fall.max(), -700.0) / 2)
+    d = np.array([row.step for row in rows])
+    covariance = np.einsum("l,lij->ij", w / w.sum(), C + d[:, :, None] * d[:, None, :])
+    return replace(judged, fit=replace(judged.fit, covariance=covariance))
 
 
 def _step_bounds(judged: Judged) -> tuple[Array, Array]:

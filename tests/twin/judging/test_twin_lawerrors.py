@@ -9,9 +9,9 @@ from tests.pulls import band
 from tests.twin.diagnosis.toy import POINTS, STEPS, Toy, smooth_field, targets, toy_effect
 from twin.judging.comparison import lack_of_fit, smooth_functions
 from twin.judging.judged import Judged, judge
-from twin.judging.lawerrorlevels import levels, with_laws
+from twin.judging.lawerrorlevels import inexact, levels, with_laws
 from twin.judging.lawerrors import LEVELS, WEIGHTS, averaged, law_errors
-from twin.targets import Array, Targets
+from twin.targets import Array, KnownValue, Targets
 
 BASE, SIGNATURE = smooth_field(1), smooth_field(10)
 EFFECT = toy_effect("alpha")
@@ -96,6 +96,17 @@ def test_intervals_know_the_law_errors() -> None:
     low, high = band(12)
     assert low <= float(np.sqrt(np.mean(np.square(pulls)))) <= high
     assert float(np.sqrt(np.mean(np.square(plain)))) > 2 * high
+
+
+def test_intervals_hold_though_the_data_ask_for_no_error_of_the_law() -> None:
+    found = [judged(0.5 * SIGNATURE[0], seed=seed) for seed in range(6)]
+    for bare, t in found:
+        fit = with_laws(bare, t).fit
+        assert np.array_equal(fit.theta, bare.theta)
+        assert 5 * bare.fit.sd[1] < fit.sd[1] < 0.03 * 0.5  # the least that a law is taken to be off
+        assert abs(fit.theta[1] - 0.5) < 2 * fit.sd[1]
+        kept = replace(t, known=(KnownValue(name="alpha", mean=0.5, sd=0.1),))
+        assert np.array_equal(inexact(bare, kept).fit.covariance, bare.fit.covariance)
 
 
 def test_the_average_over_levels() -> None:
