@@ -234,6 +234,12 @@ class Targets:
         return replace(self, known=(), tails=0.0) if self.known or self.tails else self
 
     @property
+    def bare(self) -> bool:
+        """True where the film and its normal errors are all that tells parameters: no priors, no tests of the
+        silicone, no heavy tails."""
+        return not (self.known or self.curves or self.tails)
+
+    @property
     def rests(self) -> NDArray[np.int64]:
         """The number (s,) of the rest that each step is relative to: its block, where each has its own."""
         return self.block if len(np.unique(self.block[self.reference])) > 1 else np.zeros_like(self.block)

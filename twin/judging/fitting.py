@@ -8,7 +8,7 @@ import numpy as np
 
 from calibrate import Fit, least_squares
 from calibrate.fit import Jacobian, Residual
-from twin.judging.lawerrors import LawError, law_errors, motion_errors
+from twin.judging.lawerrors import LawError, law_errors
 from twin.judging.likelihood import posed, whitening
 from twin.judging.materialcurves import beside_film
 from twin.judging.whitening import LAW, Whitener, whitener
@@ -30,17 +30,9 @@ class ModelErrors:
     law: float = 0.0
 
     @staticmethod
-    def of(
-        model: Model, theta: Array, targets: Targets, *, law: float = 0.0, motion: bool = False
-    ) -> "ModelErrors":
-        """The errors of a model at theta (d,); law: by which share of what they add its laws may err, 1 sd;
-        motion: of its whole motion instead."""
-        laws: tuple[LawError, ...] = ()
-        if motion:
-            places = np.asarray(model.test.points, float)[:, 0]
-            laws = (motion_errors(model.predict(theta), targets, places),)
-        elif law:
-            laws = law_errors(model, theta, targets)
+    def of(model: Model, theta: Array, targets: Targets, *, law: float = 0.0) -> "ModelErrors":
+        """The errors of a model at theta (d,); law: by which share of what they add its laws err, 1 sd."""
+        laws = law_errors(model, theta, targets) if law else ()
         gauge = model.per_pressure(theta) * targets.pressure_sd[:, None, None]
         return ModelErrors(
             gauge=gauge,
@@ -105,6 +97,28 @@ def fit_model(
     return least_squares(
         residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations,
         tolerance=tolerance, information=information,
+    )  # fmt: skip
+
+
+def fit_unweighted(
+    model: Model, targets: Targets, *, start: Array | Sequence[Array], seed: int = 0, evaluations: int = 25
+) -> Fit:
+    """The bounded least-squares fit in which every value that fits use counts alike, from starts (m, d): its
+    root mean square of measured - predicted is the smallest."""
+
+    def residual(theta: Array) -> Array | None:
+        try:
+            u = model.predict(theta) if model.allowed(model.named(theta)) else None
+        except Unsolvable:
+            return None
+        return None if u is None else (targets.value - u)[targets.used]
+
+    def jacobian(theta: Array) -> Array:
+        return -model.jacobian(theta)[:, targets.used].T
+
+    return least_squares(
+        residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations,
+        tolerance=1e-3,
     )  # fmt: skip
 
 

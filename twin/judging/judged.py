@@ -14,7 +14,7 @@ from calibrate import Fit
 from calibrate.parameters import bounds
 from twin.effects.protocol import Unsolvable
 from twin.judging.comparison import Comparison, compare
-from twin.judging.fitting import ModelErrors, fit_model
+from twin.judging.fitting import ModelErrors, fit_model, fit_unweighted
 from twin.judging.likelihood import without_gross
 from twin.judging.whitening import Whitener
 from twin.model.prediction import Model
@@ -22,7 +22,7 @@ from twin.targets import Array, Targets
 
 ROUGH = 1.0  # sd to which a start is followed under its own errors, which are not those of its end
 TURNS = 8  # steps from there, each under the errors at the last; two are enough for a model that is right
-DISCREPANCY = 0.1  # of the motion, 1 sd of each smooth part, that a base model may lack
+FEW = 10  # evaluations from the unweighted fit; of a model that is right three or four are enough
 TRIES = 3  # solves of a turn: where it is, the step, and a shorter one where that is too long
 
 
@@ -101,20 +101,18 @@ def judge_base(
 ) -> Judged:
     """A model that may lack an effect, fitted from starts (m, d) or (d,) and judged.
 
-    Where it fits, or asks shared errors to be no more than is stated of them, that is all. Where not, it has
-    paid for what is missing with errors of the measurement, and with constants. Then it is fitted with a
-    discrepancy: errors of DISCREPANCY of its motion, smooth in pressure, place, memory and time
-    (Kennedy & O'Hagan 2001, doi 10.1111/1467-9868.00294), and judged without. The one with the smaller error
-    is kept.
+    Ordinary least squares come first: where an effect is missing, weights by the errors of the measurement
+    pay for it with these errors, and with constants. From their end the fit is weighted. Where that does not
+    fit and asks shared errors for more than is stated of them, the unweighted one is kept, whose error is the
+    smallest of all. Priors, tests of the silicone and heavy tails need the weights from the start.
     """
-    plain = judge(model, targets, starts=starts, seed=seed)
-    if plain.comparison.adequate or not plain.comparison.beyond:
-        return plain
-    task = _Task(model, targets, seed, 25, 0.1, TURNS, DISCREPANCY, motion=True)
-    first = task.ended(starts)
-    task = replace(task, law=0.0, motion=False)
-    lacking = task.judged(task._at(first.fit))
-    return min(lacking, plain, key=lambda j: j.comparison.raw_rms_mm)
+    if not targets.bare:
+        return judge(model, targets, starts=starts, seed=seed)
+    unweighted = fit_unweighted(model, targets, start=starts, seed=seed)
+    rough = judge(model, targets, starts=unweighted.theta, seed=seed, evaluations=FEW, turns=0)
+    if rough.comparison.adequate or not rough.comparison.beyond:
+        return judge(model, targets, starts=rough.theta, seed=seed)
+    return judge_fit(model, targets, unweighted)
 
 
 def judge_fit(model: Model, targets: Targets, fit: Fit, *, law: float = 0.0) -> Judged:
@@ -158,7 +156,6 @@ class _Task:
     tolerance: float
     turns: int
     law: float
-    motion: bool = False
 
     def ended(self, starts: Array | Sequence[Array]) -> _End:
         """The settled end of the descent that comes lowest of those from starts (m, d) or (d,)."""
@@ -224,7 +221,7 @@ class _Task:
         )
 
     def _errors(self, theta: Array) -> ModelErrors:
-        return ModelErrors.of(self.model, theta, self.targets, law=self.law, motion=self.motion)
+        return ModelErrors.of(self.model, theta, self.targets, law=self.law)
 
     def _fit(self, w: Whitener, start: Array, evaluations: int, *, tolerance: float | None = None) -> Fit:
         return fit_model(

@@ -109,7 +109,7 @@ def inexact(judged: Judged, targets: Targets) -> Judged:
     of the marginal likelihood), it is sum w (C + d d'). Where priors, tests of the silicone, heavy tails or
     bounds say more than the derivatives of the film, it stays as it is.
     """
-    if not erring(judged.model) or targets.known or targets.curves or targets.tails or judged.at_bound:
+    if not erring(judged.model) or not targets.bare or judged.at_bound:
         return judged
     exact = judge_fit(judged.model, targets, judged.fit) if judged.errors.law else judged
     rows = levels(exact, targets)[1:]

@@ -23,7 +23,6 @@ from twin.targets import Array, Targets, relative
 LEVELS = (0.0, 0.03, 0.1, 0.3)  # of what an effect adds, 1 sd of each smooth part
 WEIGHTS = (0.4, 0.1, 0.35, 0.15)  # how likely each is before the data
 DEGREE = 3
-MOTION = "the base model"
 TAU = 5.0  # s, over which the pressure of before is felt
 
 
@@ -46,13 +45,6 @@ def law_errors(model: Model, theta: Array, targets: Targets) -> tuple[LawError, 
     rows = dict(zip(values, jacobian, strict=True))
     shapes = _shapes(targets, np.asarray(model.test.points, float)[:, 0])
     return tuple(_error(e, values, rows, shapes, targets) for e in effects)
-
-
-def motion_errors(predicted: Array, targets: Targets, x: Array) -> LawError:
-    """The smooth parts of a whole predicted motion (s, p, 3) mm, at points whose places along the finger are
-    x (p,) mm: what a base model may be off that lacks an effect."""
-    fields = [relative(m, targets.reference, targets.rests) for m in _shapes(targets, x) * predicted]
-    return LawError(MOTION, np.array(fields))
 
 
 def erring(model: Model) -> list[Effect]:

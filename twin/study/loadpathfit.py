@@ -1,6 +1,6 @@
 """A law's constants by the load paths: the objective, the paths, and the least squares that begin on them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,10 +13,9 @@ from twin.gravity import under
 from twin.judging.comparison import PLAUSIBLE
 from twin.judging.fitrecord import InitialRow
 from twin.judging.fitting import whitener_of
-from twin.judging.judged import DISCREPANCY, Judged
-from twin.judging.lawerrors import motion_errors
+from twin.judging.judged import Judged
 from twin.judging.likelihood import posed, whitening
-from twin.judging.whitening import LAW, Whitener, whitener
+from twin.judging.whitening import Whitener, whitener
 from twin.laws.law import Constants
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.messages import Say
@@ -110,13 +109,16 @@ class OnPaths:
         if self.bench.jobs is not None or self.of_one_shape:
             return self._by_whole_solves(model, best, say)
         starts = np.array([best, [p.start for p in model.parameters], *more])
-        on_paths = self.fit(self._lacking(self.whitener(best), best), starts)
-        say.progress("least squares", 1, 3)
-        w = whitener_of(self.bench.on_mesh(model, on_paths.theta, say), on_paths.theta, t)
-        on_mesh = self.fit(self._lacking(w, on_paths.theta), np.vstack([on_paths.theta, starts]))
+        if t.bare:
+            fit = self.unweighted(starts)
+        else:
+            fit = self.fit(self.whitener(best), starts)
+            say.progress("least squares", 1, 3)
+            on_mesh = self.bench.on_mesh(model, fit.theta, say)
+            fit = self.fit(whitener_of(on_mesh, fit.theta, t), fit.theta[None])
         say.progress("least squares", 2, 3)
-        bench = self.bench.reaching(model, on_mesh.theta)
-        judged = bench.judged(model, on_mesh.theta, say, seed=bench.project.config.calibrate.seed)
+        bench = self.bench.reaching(model, fit.theta)
+        judged = bench.judged(model, fit.theta, say, seed=bench.project.config.calibrate.seed)
         say.progress("least squares", 3, 3)
         return bench, judged
 
@@ -129,13 +131,16 @@ class OnPaths:
         say.progress("least squares", 1, 1)
         return bench, judged
 
-    def _lacking(self, w: Whitener, theta: Array) -> Whitener:
-        """The whitener with what a base model may lack at theta (d,), beside its own errors."""
-        u, test = self.predicted(theta), self.bench.model(()).test
-        if u is None:
-            return w
-        error = motion_errors(u, self.bench.targets, np.asarray(test.points, float)[:, 0])
-        return w.beside(DISCREPANCY * error.modes, (f"{LAW}{error.effect}",) * len(error.modes))
+    def unweighted(self, starts: Array) -> Fit:
+        """The bounded least-squares fit on the load paths in which all values count alike, from starts
+        (m, d)."""
+        t = self.bench.targets
+
+        def residual(theta: Array) -> Array | None:
+            u = self.predicted(theta)
+            return None if u is None else (t.value - u)[t.used]
+
+        return least_squares(residual, self._slope(residual), self.bench.elasticity.parameters, start=starts)
 
     def whitener(self, theta: Array) -> Whitener:
         """The whitener of the targets with the gauge's errors at theta (d,), without an error of the mesh."""
@@ -152,20 +157,26 @@ class OnPaths:
             u = self.predicted(theta)
             return None if u is None else white(t.value - u)
 
-        def jacobian(theta: Array) -> Array:
-            columns, b = [], residual(theta)
-            for k, p in enumerate(parameters):
-                h = 1e-3 * p.step * (1 if theta[k] + 1e-3 * p.step <= p.high else -1)
-                a = residual(theta + h * np.eye(len(theta))[k])
-                lost = np.full(len(t.valid) * len(w.components), np.nan)
-                columns.append(lost if a is None or b is None else (a - b) / h)
-            return np.array(columns).T
-
+        jacobian = self._slope(residual)
         if t.tails:  # from where gross errors lead, too, as its deviance has several valleys
             plain = least_squares(residual, jacobian, parameters, start=starts)
             starts = np.vstack([starts, plain.theta])
         r, slope, information = posed(residual, jacobian, parameters, t, w)
         return least_squares(r, slope, parameters, start=starts, information=information)
+
+    def _slope(self, residual: Callable[[Array], Array | None]) -> Callable[[Array], Array]:
+        """The derivatives (n, d) of a residual by forward differences; NaN where there is no equilibrium."""
+        parameters = self.bench.elasticity.parameters
+
+        def jacobian(theta: Array) -> Array:
+            columns, b = [], residual(theta)
+            for k, p in enumerate(parameters):
+                h = 1e-3 * p.step * (1 if theta[k] + 1e-3 * p.step <= p.high else -1)
+                a = residual(theta + h * np.eye(len(theta))[k])
+                columns.append(np.full(1, np.nan) if a is None or b is None else (a - b) / h)
+            return np.array(np.broadcast_arrays(*columns)).T
+
+        return jacobian
 
     def initial(self, judged: Judged) -> InitialRow:
         """Nominal constants and what they leave, mm, under the errors of a fit."""

