@@ -105,20 +105,21 @@ def fit_unweighted(
 ) -> Fit:
     """The bounded least-squares fit in which every value that fits use counts alike, from starts (m, d): its
     root mean square of measured - predicted is the smallest."""
+    noise = noise_of(targets, np.zeros_like(targets.value))
 
     def residual(theta: Array) -> Array | None:
         try:
             u = model.predict(theta) if model.allowed(model.named(theta)) else None
         except Unsolvable:
             return None
-        return None if u is None else (targets.value - u)[targets.used]
+        return None if u is None else (targets.value - u)[targets.used] / noise
 
     def jacobian(theta: Array) -> Array:
-        return -model.jacobian(theta)[:, targets.used].T
+        return -model.jacobian(theta)[:, targets.used].T / noise
 
     return least_squares(
         residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations,
-        tolerance=1e-3,
+        tolerance=0.1,
     )  # fmt: skip
 
 
