@@ -119,7 +119,7 @@ def test_an_unweighted_base_fit_is_kept_where_shared_errors_would_pay(draw: Call
     assert base.at_bound == ("b",)
     for c in (0.98, 1.02):  # its error is the smallest of all
         theta = base.theta * np.array([c, 1.0])
-        assert missing.rms(missing.value - Spring(missing).predict(theta)) > base.comparison.raw_rms_mm  # type: ignore[arg-type]
+        assert missing.rms(missing.value - Spring(missing).predict(theta)) > base.comparison.raw_rms_mm
     # priors need the weights of the errors
     known = replace(missing, known=(KnownValue(name="absent", mean=0.0, sd=1.0),))
     same = judge_base(Spring(known), known, starts=start)  # type: ignore[arg-type]
