@@ -112,7 +112,8 @@ def judge_base(
     rough = judge(model, targets, starts=unweighted.theta, seed=seed, evaluations=FEW, turns=0)
     if rough.comparison.adequate or not rough.comparison.beyond:
         return judge(model, targets, starts=rough.theta, seed=seed)
-    return judge_fit(model, targets, unweighted)
+    task = _Task(model, targets, seed, 1, 0.1, TURNS, 0.0)
+    return task.judged(task._at(unweighted))
 
 
 def judge_fit(model: Model, targets: Targets, fit: Fit, *, law: float = 0.0) -> Judged:

@@ -117,6 +117,7 @@ def test_an_unweighted_base_fit_is_kept_where_shared_errors_would_pay(draw: Call
     assert "scale" in dict(plain.comparison.beyond)
     assert base.comparison.raw_rms_mm < 0.99 * plain.comparison.raw_rms_mm
     assert base.at_bound == ("b",)
+    assert base.fit.chi2 == pytest.approx(base.z @ base.z, rel=1e-9)  # by the errors, as every judged fit
     for c in (0.98, 1.02):  # its error is the smallest of all
         theta = base.theta * np.array([c, 1.0])
         assert missing.rms(missing.value - Spring(missing).predict(theta)) > base.comparison.raw_rms_mm
