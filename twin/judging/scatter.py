@@ -129,8 +129,8 @@ def _scaled(t: Targets, found: Scatter | None, stated: Noise, steps: NDArray[np.
     covariance[steps] *= factor**2
     rest = int((t.rests[t.reference] == t.rests[steps][0]).sum())
     of_mean = np.sqrt(mean_variance(found.rho, rest) / mean_variance(rho, rest))
-    own = [name.startswith("reference:") for name in t.mode_names]
-    modes[np.ix_(own, steps)] *= factor * of_mean
+    of_reference = np.array([name.startswith("reference:") for name in t.mode_names], bool)
+    modes[np.ix_(of_reference, steps)] *= factor * of_mean
     return _with_noise(replace(t, covariance=covariance, modes=modes), stated, new)
 
 
