@@ -91,7 +91,7 @@ FIGURES = (
            (f"{RANKED}creep.z", f"{RANKED}creep:2.evidence")),
     Figure(DECIDES, "# static frames", ("measure/run.json:summary.static_frames",)),
     Figure(DECIDES, "rest, p = #", (f"{DIAGNOSIS}frame.p_value",)),
-    Figure(DECIDES, "C10 = #, C01 = # MPa: far",
+    Figure(DECIDES, "C10 = #, C01 = # MPa: their sum",
            (f"{CALIBRATED}parameters.C10.value", f"{CALIBRATED}parameters.C01.value")),
     Figure(DECIDES, "chi2 is # for # degrees", (f"{COMPARE}chi2", f"{COMPARE}degrees_of_freedom")),
     Figure(DECIDES, "creep # sd, pressure_lag # sd, time_shift # sd, tube # sd",
