@@ -19,7 +19,7 @@ from twin.bench.comparison import (
     told_of_tests,
     write_curves,
 )
-from twin.bench.fits import fresh, newest, newest_fit
+from twin.bench.fits import fresh, held_fit, newest, newest_fit
 from twin.bench.workbench import Workbench
 from twin.calibrated.effectstarts import begun_from, nominal
 from twin.judging.comparison import change_in_words
@@ -95,7 +95,7 @@ def change_effects(
     base: Fit | None = None,
 ) -> dict[str, Any]:
     """Summary of `twin add` and `twin drop`: the model with these effects is fitted, compared with the newest
-    comparison, and written into twin.toml.
+    comparison, and written into twin.toml. A drop leads back to the fit of before, where that still holds.
 
     start: values of parameters by name; others begin at the fit `base`, by default the newest valid one.
     """
@@ -104,7 +104,9 @@ def change_effects(
     then = newest(project, ComparisonRecord)
     with project.new_run(kind, extra={"effects": list(effects)}) as run:
         model = bench.model(effects)
-        change = diagnosed(bench, effects, start)
+        change, former = diagnosed(bench, effects, start), held_fit(project, effects)
+        if kind == "drop" and former is not None:
+            change = Change.of(bench, bench.judged_fit(model, former.fit, say))
         if change is None:
             fitted = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
             unknown = {n: x for n, x in _nominal(model).items() if n not in fitted}

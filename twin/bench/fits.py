@@ -126,6 +126,16 @@ def fit_file(project: Project) -> Path:
     raise ValueError(f"no fit {what}; run twin calibrate")
 
 
+def held_fit(project: Project, effects: Sequence[str]) -> FitRecord | None:
+    """The newest fit with these effects that holds for targets, mesh and settings of now; None without."""
+    for path in _having(project, kinds_writing(FIT), FIT):
+        fit = files.read(FitRecord, path)
+        same = "effects" in fit.model_fields_set and fit.effects == tuple(effects)
+        if same and holds(project, path.parent):
+            return fit
+    return None
+
+
 def former_fit(project: Project, effects: Sequence[str]) -> FitRecord | None:
     """The newest fit with these effects, whether or not it still holds; None where there is none."""
     every = (files.read(FitRecord, path) for path in _having(project, kinds_writing(FIT), FIT))

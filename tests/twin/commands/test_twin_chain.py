@@ -331,6 +331,14 @@ def test_calibrate_fits_the_effects_of_twin_toml_again(chain: tuple[Project, Sil
     assert not any("do not ask for" in line for line in say.lines)
 
 
+def test_dropping_an_effect_leads_back_to_the_fit_before_it(chain: tuple[Project, Silent], tmp_path: Path) -> None:
+    shutil.copytree(chain[0].root, tmp_path / "copy")
+    project = Project.open(tmp_path / "copy", builtin=chain[0].builtin)
+    run_drop(project, Silent(), names=["creep"])
+    assert read(project, "drop", "fit.json")["parameters"] == read(project, "calibrate", "fit.json")["parameters"]
+    assert read(project, "drop", "comparison.json")["rms_mm"] == pytest.approx(read(project, "compare", "comparison.json")["rms_mm"], rel=1e-6)
+
+
 def test_errors_are_one_sentence(chain: tuple[Project, Silent]) -> None:
     project, say = chain
     with pytest.raises(ValueError, match="'wind' is not in the library"):
