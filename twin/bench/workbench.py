@@ -59,8 +59,8 @@ class Workbench(CalibrationProblem):
         elasticity = elasticity_of(project, structure.nominal)
         targets, remarks = on_structure(
             project.targets(), places_of(project, structure), structure.case, name="targets",
-            wanted="position_mm = [x, y, z] in mm or the label of a node: add it under [[points]] in "
-            "twin.toml", bends_down=bends_down(project), mirrored=one_side(project),
+            wanted="position_mm = [x, y, z] in mm or the label of a node: add it under "
+            "[[points]] in twin.toml", bends_down=bends_down(project), mirrored=one_side(project),
         )  # fmt: skip
         priors = known_values(project, elasticity.law, own_of)
         targets = replace(targets, known=priors, tails=TAILS[project.config.calibrate.loss])

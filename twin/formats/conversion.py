@@ -155,8 +155,8 @@ def _points(
         if name not in names:
             listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
             raise ValueError(
-                f"point {name!r} is not in the file, which has {listed}; wanted a name "
-                "that it has"
+                f"point {name!r} is not in the file, which has {listed}; "
+                "wanted a name that it has"
             )
     rest = mean if table.origin_mm is None else np.where(np.isfinite(mean), mean, 0.0) + table.origin_mm
     kinds = [_point(name, points, fixed, rest[p], table) for p, name in enumerate(names)]

@@ -207,7 +207,7 @@ def test_a_chamber_that_is_emptied_while_another_is_filled_is_refused(tmp_path: 
         ("1, 1, 2, 3, 4,", "1, 1, 2, , 4,", saying("line 11", "an empty field", "wanted a whole number")),
         ("0.01", "1_0", saying("1_0", "wanted finite numbers")),
         (LAW, law("OGDEN, N=3\n0.03,2.,0.02,3.,0.01,-1.,0.3,\nO."), saying("line 25", "O.", "wanted finite numbers")),
-        ("1e-9", "1e-9\n*AMPLITUDE, NAME=B\n0., 0., 1., 1.\n2., O.", saying("line 28", "O.", "wanted finite numbers")),
+        ("1e-9", "1e-9\n*AMPLITUDE, NAME=B\n0., 0., 1., 1.\n2., O.", saying("line 29", "O.", "wanted finite numbers")),
         ("0.01", "1.0-3", saying("1.0-3", "wanted finite numbers, such as")),
         ("*DSLOAD", "*DSLOAD, OP=OLD", saying("OP=OLD", "wanted OP=NEW")),
         ("1e-9", "1e-9\n*AMPLITUDE, NAME=B\n0., 0., 2., 1.\n1., 1.", "times that do not increase"),

@@ -54,7 +54,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
     (root / "raw" / "pressure.csv").write_text(studio.log_text())
     marks = [m for m in studio.marks_of() if m.role != "finger" or m.name == "root"]
     lens, pose = studio.camera()
-    for name, time in (("film.mkv", studio.film_time()), ("static.mkv", np.zeros(60))):
+    for name, time in (("film.mkv", studio.film_time()), ("static.mkv", np.zeros(120))):
         place = np.tile([m.position for m in marks], (len(time), 1, 1)).astype(float)
         shift = sink(time)
         place[:, -1, ::2] += shift

@@ -22,7 +22,6 @@ from twin.effects.protocol import Effect
 from twin.executors.clusters import on_cluster
 from twin.executors.daskcluster import Dask
 from twin.executors.local import Serial, current, using
-from twin.executors.surroundings import PACKAGES
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.messages import Say
 from twin.model.loadpaths import NOTHING, along_path
@@ -157,7 +156,7 @@ def test_a_worker_that_dies_gives_its_task_to_another(bench: ClusterBench, dask:
 
 def test_a_worker_of_another_version_is_refused_by_name(bench: ClusterBench, dask: Dask, tmp_path: Path) -> None:
     root = Path(__file__).resolve().parents[3]
-    for package in PACKAGES:
+    for package in ("vision", "fe", "calibrate", "twin"):
         shutil.copytree(root / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     with (tmp_path / "fe" / "case.py").open("a", encoding="utf-8") as file:
         file.write("# another state\n")
