@@ -230,8 +230,8 @@ def profile_likelihood(
     >>> slope = Parameter("slope", 0.0, 2.0, typical=0.1)
     >>> around = lambda theta: (lambda t: (t[0] * x - y) / 0.1, lambda t: x[:, None] / 0.1)
     >>> profile = profile_likelihood(around, held=Held.parameter([slope], "slope"), theta=[1.0])
-    >>> [round(end.value, 3) for end in profile.ends[0]]
-    [0.955, 1.045]
+    >>> tuple(round(end.value, 3) for end in profile.ends[0])
+    (0.955, 1.045)
     >>> profile.known
     'identified'
     """
