@@ -104,8 +104,10 @@ def change_effects(
     then = newest(project, ComparisonRecord)
     with project.new_run(kind, extra={"effects": list(effects)}) as run:
         model = bench.model(effects)
-        change, former = diagnosed(bench, effects, start), held_fit(project, effects)
-        if kind == "drop" and former is not None:
+        former = held_fit(project, effects) if kind == "drop" else None
+        if former is None:
+            change = diagnosed(bench, effects, start)
+        else:
             change = Change.of(bench, bench.judged_fit(model, former.fit, say))
         if change is None:
             fitted = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}

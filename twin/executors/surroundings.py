@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, metadata
 
-from twin.model.arraycache import PACKAGES as ROOT
-from twin.model.arraycache import sources_digest
+from twin.model.arraycache import ROOT, sources_digest
 
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pypardiso", "mkl", "pymoo")
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")

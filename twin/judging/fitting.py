@@ -1,7 +1,7 @@
 """A model, targets and the errors of both -> the parameters that fit, and the whitened residual's
 derivatives."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,16 +107,10 @@ def fit_unweighted(
     root mean square of measured - predicted is the smallest."""
     noise = noise_of(targets, np.zeros_like(targets.value))
 
-    def residual(theta: Array) -> Array | None:
-        try:
-            u = model.predict(theta) if model.allowed(model.named(theta)) else None
-        except Unsolvable:
-            return None
-        return None if u is None else (targets.value - u)[targets.used] / noise
+    def scaled(field: Array) -> Array:
+        return field[..., targets.used] / noise
 
-    def jacobian(theta: Array) -> Array:
-        return -model.jacobian(theta)[:, targets.used].T / noise
-
+    residual, jacobian = _mapped(model, targets, scaled, int(targets.used.sum()))
     return least_squares(
         residual, jacobian, model.parameters, start=start, seed=seed, max_evaluations=evaluations,
         tolerance=0.1,
@@ -129,22 +123,30 @@ def whitened(
     """The whitened residual (n,) of a model at theta (d,), None where a fit may not go, its derivatives (n,
     d), and the rows of its information where these are others: of the film as `posed` by the targets, and
     below it of the tests of the silicone itself."""
+    values = targets.valid.shape[0] * len(w.components)
+    mapped = _mapped(model, targets, whitening(targets, w), values)
+    film = posed(*mapped, model.parameters, targets, w)
+    return beside_film(*film, model=model, targets=targets) if targets.curves else film
 
-    white = whitening(targets, w)
+
+def _mapped(
+    model: Model, targets: Targets, mapped: Callable[[Array], Array], count: int
+) -> tuple[Residual, Jacobian]:
+    """The residual (n,) of a model at theta (d,), None where a fit may not go, and its derivatives (n, d),
+    NaN there, by the linear map of fields (..., s, p, 3) mm to `count` values (..., n)."""
 
     def residual(theta: Array) -> Array | None:
         if not model.allowed(model.named(theta)):
             return None
         try:
-            return white(targets.value - model.predict(theta))
+            return mapped(targets.value - model.predict(theta))
         except Unsolvable:
             return None
 
     def jacobian(theta: Array) -> Array:
         try:
-            return -white(model.jacobian(theta)).T
+            return -mapped(model.jacobian(theta)).T
         except Unsolvable:
-            return np.full((targets.valid.shape[0] * len(w.components), len(theta)), np.nan)
+            return np.full((count, len(theta)), np.nan)
 
-    film = posed(residual, jacobian, model.parameters, targets, w)
-    return beside_film(*film, model=model, targets=targets) if targets.curves else film
+    return residual, jacobian

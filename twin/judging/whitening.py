@@ -247,8 +247,10 @@ class Whitener:
         return np.asarray(covariance, float), columns
 
     def _spread(self, fields: Array, inner: Array) -> "Expected":
-        """The root mean square in mm of values with the covariance N + A' S A, of the noise and of fields A
-        (k, s, m) mm with the covariance S (k, k), and its 95 % band."""
+        """The root mean square in mm of values, and its 95 % band.
+
+        Their covariance is N + A' S A: N of the noise, S = inner (k, k) of the fields A (k, s, m) mm.
+        """
         flat = fields.reshape(len(fields), -1)
         noised = self.noise.covariance_times(fields).reshape(flat.shape)
         gram, between = flat @ flat.T, flat @ noised.T

@@ -14,7 +14,7 @@ from typing import Protocol
 from twin.targets import Array
 
 ROOM = 1.005  # over a measured pressure: the maximum of a noisy log differs from film to film
-PACKAGES = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[2]
 # what an array of a model depends on
 SOURCES = ("fe", "twin/model", "twin/laws", "twin/effects", "twin/gravity.py")
 
@@ -35,7 +35,7 @@ def no_cache(stage: str, tasks: Mapping[str, Callable[[], Array]], /) -> dict[st
 @cache
 def code_digest() -> str:
     """A digest of the version of softtwin and of the sources that make arrays."""
-    return sources_digest(PACKAGES)
+    return sources_digest(ROOT)
 
 
 def sources_digest(root: Path, sources: Sequence[str] = SOURCES) -> str:
