@@ -8,19 +8,15 @@ starts. The accuracy of a fit: `profiles` (profile likelihood), `posteriors` (Ma
 `Population`, moves of a sampler, refit and guess of a profile.
 """
 
-from calibrate.fit import least_squares
-from calibrate.genetic import Population
-from calibrate.parameters import Fit, Parameter
-from calibrate.profiles import profile_likelihood
-from calibrate.statistics import (
-    bic,
-    chi2_test,
-    excess,
-    holm,
-    identifiability,
-    omnibus,
-    sidak,
-)
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from calibrate.fit import least_squares
+    from calibrate.genetic import Population
+    from calibrate.parameters import Fit, Parameter
+    from calibrate.profiles import profile_likelihood
+    from calibrate.statistics import bic, chi2_test, excess, holm, identifiability, omnibus, sidak
 
 __all__ = [
     "Fit",
@@ -36,3 +32,15 @@ __all__ = [
     "profile_likelihood",
     "sidak",
 ]
+
+_MODULES = {
+    "Fit": "parameters", "Parameter": "parameters", "Population": "genetic", "least_squares": "fit",
+    "profile_likelihood": "profiles",
+}  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    """What is exported, loaded at its first use: whoever names a parameter needs no optimiser."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULES.get(name, 'statistics')}"), name)

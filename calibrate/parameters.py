@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 Array = NDArray[np.float64]
 
@@ -100,5 +99,7 @@ class Fit:
         """Two-sided intervals (d, 2) of the given level, cut at the bounds; NaN for a parameter at one."""
         low, high = bounds(self.parameters)
         sd = self.sd
+        from scipy.special import ndtri
+
         half = float(ndtri(0.5 + level / 2)) * sd
         return np.stack([np.maximum(self.theta - half, low), np.minimum(self.theta + half, high)], axis=1)

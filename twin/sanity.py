@@ -3,12 +3,16 @@
 Each function returns a sentence that names a fault and its likely cause, or "".
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from fe import Case
 from twin.laws.law import Constants
 from twin.laws.mooneyrivlin import LEAST_SHARE, MOONEY_RIVLIN
 from twin.targets import Array, PointKind, Targets
+
+if TYPE_CHECKING:
+    from fe import Case
 
 LEAST_MPA, MOST_MPA = 1e-4, 1.0  # the peak of a test of a soft finger lies far within
 UNITS = {"kPa": 1e-3, "bar": 0.1, "mbar": 1e-4, "psi": 0.00689476, "Pa": 1e-6}  # MPa each
@@ -132,7 +136,7 @@ def zero_fault(pressure: Array) -> str:
     return ""
 
 
-def motion_fault(targets: Targets, case: Case, *, bends_down: bool) -> str:
+def motion_fault(targets: Targets, case: "Case", *, bends_down: bool) -> str:
     """Fault of measured displacements for the finger of a case: their size, or their sign where the finger
     bends to -z."""
     u = np.where(targets.valid, targets.value, np.nan)[:, ~targets.fixed]
@@ -151,7 +155,7 @@ def motion_fault(targets: Targets, case: Case, *, bends_down: bool) -> str:
     return (_sign(targets, BENT * length) or _drawn(targets, length)) if bends_down else ""
 
 
-def doubts(targets: Targets, case: Case) -> tuple[str, ...]:
+def doubts(targets: Targets, case: "Case") -> tuple[str, ...]:
     """Doubts about targets, one sentence each: points that may be exchanged, or times in another unit."""
     return tuple(filter(None, (_overtaken(targets, case), _late(targets))))
 
@@ -219,7 +223,7 @@ def _drawn(targets: Targets, length: float) -> str:
     )
 
 
-def _overtaken(targets: Targets, case: Case) -> str:
+def _overtaken(targets: Targets, case: "Case") -> str:
     """Doubt about a point that moves much more than another one farther from the clamp."""
     placed = [p for p, point in enumerate(targets.points) if point.kind in (PointKind.NODE, PointKind.PLACE)]
     top, length = int(np.argmax(targets.pressure)), float(np.ptp(case.nodes[:, 0]))
@@ -241,13 +245,13 @@ def _overtaken(targets: Targets, case: Case) -> str:
     )
 
 
-def on_model_side(position: Array, case: Case, *, mirrored: bool) -> Array:
+def on_model_side(position: Array, case: "Case", *, mirrored: bool) -> Array:
     """A stated position (3,) mm, or with `mirrored` its mirror image, where a half model has only that."""
     half = float(case.nodes[:, 1].min()) >= -ON_PLANE_MM
     return position * (1.0, -1.0, 1.0) if mirrored and half and position[1] < 0.0 else position
 
 
-def place_fault(targets: Targets, case: Case, *, mirrored: bool = False) -> str:
+def place_fault(targets: Targets, case: "Case", *, mirrored: bool = False) -> str:
     """Fault of a point whose stated position is too far from its node.
 
     mirrored: whether a point on the side y < 0 of half a finger stands for its mirror image.

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
 
 if TYPE_CHECKING:
     import pandas
@@ -147,10 +146,12 @@ class MaterialCurve:
     @cached_property
     def _root(self) -> Array:
         """The lower Cholesky factor (n, n) MPa of the covariance."""
-        return np.asarray(cholesky(np.diag(self.sd**2) + self.modes.T @ self.modes, lower=True), float)
+        return np.asarray(np.linalg.cholesky(np.diag(self.sd**2) + self.modes.T @ self.modes), float)
 
     def whiten(self, stress: Array) -> Array:
         """Stresses (..., n) MPa as values of variance 1 where they are errors of this curve."""
+        from scipy.linalg import solve_triangular
+
         return np.asarray(solve_triangular(self._root, np.moveaxis(stress, -1, 0), lower=True).T, float)
 
     def predicted(self, material: "Material") -> Array:

@@ -402,6 +402,22 @@ def test_the_command_starts_without_the_heavy_packages():
     assert done.stdout.strip() == "[]"
 
 
+def test_runs_are_listed_without_the_packages_that_compute(study):
+    with Project.open(study).new_run("calibrate"):
+        pass
+    code = (
+        "import atexit, sys; from twin.cli import main\n"
+        "heavy = {'cv2', 'av', 'fe', 'numba', 'pymoo', 'scipy', 'ssl', 'vision'}\n"
+        "atexit.register(lambda: print(sorted(heavy & set(sys.modules)), file=sys.stderr))\n"
+        "main()"
+    )
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", code, "list", "-p", str(study)]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
+    assert "0001-calibrate" in done.stdout
+    assert done.stderr.strip() == "[]"
+
+
 def test_a_plain_terminal_lists_names_that_it_cannot_show(study):
     with Project.open(study).new_run("calibrate") as done:
         done.summary["headline"] = "M\u00fcller's finger: sd 0.6 \u03bcm in this sentence, which is longer than any terminal is wide"

@@ -1,13 +1,15 @@
 """Rubber of eight chains that lock at a stretch lambda_m (Arruda & Boyce 1993, doi
 10.1016/0022-5096(93)90013-6): the series of five terms that Abaqus and CalculiX have, too."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibrate import Parameter
-from fe import Material
 from twin.laws.law import MPA, RubberLaw, Shape, Values
+
+if TYPE_CHECKING:
+    from fe import Material
 
 SERIES = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)
 
@@ -21,7 +23,7 @@ def _terms(c: Values) -> dict[str, Any]:
     return {"chains": (c["mu"], c["lambda_m"])}
 
 
-def _read(m: Material) -> dict[str, float]:
+def _read(m: "Material") -> dict[str, float]:
     mu, lock = m.chains or (0.0, np.inf)
     return {"mu": mu, "lambda_m": lock}
 

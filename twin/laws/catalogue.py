@@ -1,14 +1,16 @@
 """All laws by the names that twin.toml has for them, and the one that a material is of."""
 
-from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from fe import Material
 from twin.laws.arrudaboyce import ARRUDA_BOYCE
 from twin.laws.gent import GENT
 from twin.laws.law import NOTHING, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.laws.ogden import OGDEN
 from twin.laws.reducedpolynomial import NEO_HOOKE, YEOH
+
+if TYPE_CHECKING:
+    from fe import Material
 
 LAWS = {law.name: law for law in (NEO_HOOKE, MOONEY_RIVLIN, YEOH, GENT, ARRUDA_BOYCE, *OGDEN)}
 
@@ -26,17 +28,18 @@ def named_law(name: str) -> RubberLaw:
     return LAWS[name]
 
 
-def law_of(material: Material) -> RubberLaw | None:
+def law_of(material: "Material") -> RubberLaw | None:
     """The law of fewest constants that a material is of, whatever its bulk modulus, memory and density; None
     where it is of none.
 
+    >>> from fe import Material
     >>> law_of(Material(C10=0.3)), law_of(Material(C10=0.3, C20=0.01))
     (RubberLaw(neo-hooke), RubberLaw(yeoh))
     """
     terms = {name: getattr(material, name) for name in NOTHING}
     for law in sorted(LAWS.values(), key=lambda law: len(law.parameters)):
         try:
-            candidate = replace(Material(), **law.of(law.read(material)).terms)
+            candidate = law.of(law.read(material)).material
         except (ValueError, ZeroDivisionError):
             continue
         if {name: getattr(candidate, name) for name in NOTHING} == terms:

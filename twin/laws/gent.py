@@ -1,12 +1,14 @@
 """Gent's rubber, which cannot be strained beyond I1 - 3 = Jm (Gent 1996, doi 10.5254/1.3538357)."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibrate import Parameter
-from fe import Material
 from twin.laws.law import MPA, RubberLaw, Shape, Values
+
+if TYPE_CHECKING:
+    from fe import Material
 
 
 def _energy(c: Values, I1: Any, I2: Any, l: Any) -> Any:  # noqa: E741
@@ -17,7 +19,7 @@ def _terms(c: Values) -> dict[str, Any]:
     return {"gent": (c["mu"], c["Jm"])}
 
 
-def _read(m: Material) -> dict[str, float]:
+def _read(m: "Material") -> dict[str, float]:
     mu, limit = m.gent or (0.0, np.inf)
     return {"mu": mu, "Jm": limit}
 

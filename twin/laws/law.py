@@ -9,13 +9,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibrate import Parameter
-from fe import Material
 from twin.targets import Array
+
+if TYPE_CHECKING:
+    from fe import Material
 
 Values = Mapping[str, float]
 Bounds = Mapping[str, tuple[float, float]]
@@ -96,7 +98,7 @@ class RubberLaw:
     shapes: tuple[Shape, ...]
     energy: Callable[[Values, Any, Any, Any], Any]
     terms: Callable[[Values], dict[str, Any]]
-    read: Callable[[Material], dict[str, float]]
+    read: "Callable[[Material], dict[str, float]]"
     split: Callable[[Values], tuple[float, tuple[float, ...]]]
     join: Callable[[float, tuple[float, ...]], dict[str, float]]
     widened: Callable[[Bounds, Values], Bounds] = _same
@@ -216,8 +218,10 @@ class Constants:
         return {**NOTHING, **self.law.terms(self.named)}
 
     @property
-    def material(self) -> Material:
+    def material(self) -> "Material":
         """A material of this law."""
+        from fe import Material
+
         return Material(**self.law.terms(self.named))
 
     @property
@@ -241,7 +245,7 @@ def terms_of(c: Values) -> dict[str, Any]:
     return dict(c)
 
 
-def _read(names: tuple[str, ...], m: Material) -> dict[str, float]:
+def _read(names: tuple[str, ...], m: "Material") -> dict[str, float]:
     return {name: float(getattr(m, name)) for name in names}
 
 

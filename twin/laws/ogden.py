@@ -2,11 +2,13 @@
 in the form that Abaqus uses: each mu is what its term adds to the shear modulus."""
 
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from calibrate import Parameter
-from fe import Material
 from twin.laws.law import MPA, RubberLaw, Shape, Values, ratio
+
+if TYPE_CHECKING:
+    from fe import Material
 
 
 def _energy(c: Values, I1: Any, I2: Any, l: Any) -> Any:  # noqa: E741
@@ -21,7 +23,7 @@ def _terms(c: Values) -> dict[str, Any]:
     return {"ogden": _pairs(c)}
 
 
-def _read(count: int, m: Material) -> dict[str, float]:
+def _read(count: int, m: "Material") -> dict[str, float]:
     pairs = (*m.ogden, *((0.0, 1.0),) * count)[:count]
     return _named(pairs)
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from twin import files
 from twin.csvtable import Table, read_table
-from twin.judging.scatter import with_own_noise
 from twin.project.record import SourceRecord
 from twin.project.targetschema import TargetsTable, fields_from, tables_for
 from twin.sanity import MOST_MPA, pressure_fault, zero_fault
@@ -133,7 +132,11 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
         time=grid.time, pressure=grid.pressure, block=grid.block, **measured, **described,
         log_time=log[0], log_pressure=log[1],
     )  # fmt: skip
-    return with_own_noise(targets) if any(n.is_stated for n in noises) else targets
+    if not any(n.is_stated for n in noises):
+        return targets
+    from twin.judging.scatter import with_own_noise
+
+    return with_own_noise(targets)
 
 
 def _numbers(table: Table, name: str) -> Array:
