@@ -38,7 +38,7 @@ FACTS = {
     "evidence": {
         "effect": "creep:2", "raw_rms_before_mm": 0.4127, "raw_rms_after_mm": 0.1561, "expected_mm": 0.2843,
         "rms_before_mm": 0.2119, "rms_after_mm": 0.0529, "noise_sd_mm": 0.0501,
-        "chi2_before": 5123.0, "chi2_after": 403.0, "more_parameters": 2, "evidence": 4703.0,
+        "chi2_before": 5123.0, "chi2_after": 403.0, "more_parameters": 2,
         "held_out": {"left_out": "cycle", "folds": 2, "before_sd": 3.14, "after_sd": 1.07},
         "parameters": {"creep.g1": {"value": 0.0351, "low": None, "high": None, "unit": "", "plausible": "plausible (0.003 to 0.2)"}},
         "class": [{"effect": "lag", "ceiling": 0.331}], "branches": ["hold", "all"],
@@ -48,7 +48,7 @@ FACTS = {
         {
             "effect": "creep",
             "delta_bic": 10043.0,
-            "evidence": 9876.0,
+            "behind": 9876.0,
             "z": 101.25,
             "p_value": 0.0,
             "named": True,

@@ -20,6 +20,7 @@ from twin.calibrated.profiles import Profiler, profiled_names
 from twin.calibrated.reports import Report, Reported
 from twin.diagnosis import procedure
 from twin.diagnosis.deciding import Diagnosis
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.effects.labels import name_of
 from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect, Unsolvable
@@ -297,8 +298,7 @@ def diagnose(
         {"effect": h.effect.label, "score": float(h.z), "evidence": h.evidence, "note": h.note}
         for h in diagnosis.ranking
     ]
-    sentences = (f"Verdict: {diagnosis.verdict}", diagnosis.sentence)
-    return Diagnosed(said=tuple(filter(None, sentences)), rows=tuple(rows), diagnosis=diagnosis)
+    return Diagnosed(said=DiagnosisRecord.of(diagnosis).lines, rows=tuple(rows), diagnosis=diagnosis)
 
 
 @dataclass(frozen=True, eq=False)

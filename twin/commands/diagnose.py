@@ -11,7 +11,7 @@ from twin.bench.fits import newest_fit
 from twin.bench.priors import check_least_squares
 from twin.bench.workbench import Workbench, law_of_project, own_of
 from twin.diagnosis.deciding import Diagnosis
-from twin.diagnosis.diagnosisrecord import DiagnosisRecord, ForetoldFilm
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord, ForetoldFilm, RankingRow
 from twin.diagnosis.explanation import Explanation, explained
 from twin.diagnosis.hypotheses import Hypothesis
 from twin.diagnosis.procedure import diagnose
@@ -60,14 +60,14 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
             run.write_npz("evidence.npz", settled.explanation.maps)
         for line in (model.extent, *map(_row, diagnosis.ranking)):
             run.note(line)
-    say(f"Verdict: {diagnosis.verdict}")
-    say(diagnosis.sentence)
+    for line in record.lines:
+        say(line)
     if all_data.tests:
         say(BY_FILM)
     if bench.targets.noise is None:
         say("The calibration holds without it: `twin study` shows what these targets fix and leave open.")
     if diagnosis.ranking:
-        say(f"Ranking: {', '.join(map(_score, diagnosis.ranking[:TOP]))}.")
+        say(f"Ranking: {', '.join(_score(r, record) for r in record.ranking[:TOP])}.")
     for row in held:
         say(_foretold(row))
     if diagnosis.next_test:
@@ -140,16 +140,13 @@ def _write(run: Run, bench: Workbench, settled: Settled, record: DiagnosisRecord
         Change.of(bench, settled.judged).keep(run, effects=effects, start=diagnosis.start)
 
 
-def _score(c: Hypothesis) -> str:
-    """One effect of the ranking, in a few words."""
-    if c.evidence is None:
-        return f"{c.effect.label} ({_why(c)})"
-    return f"{c.effect.label} (evidence {c.evidence:.0f})"
-
-
-def _why(c: Hypothesis) -> str:
-    """Reason, in two words, for which an effect was not refitted."""
-    return "not tried" if c.note == LATE else "not visible" if c.note else "not refitted"
+def _score(row: RankingRow, record: DiagnosisRecord) -> str:
+    """One effect of the ranking and how far it is behind the best by evidence."""
+    behind = record.behind(row)
+    if behind is None:
+        why = "not visible" if row.note else "not refitted"
+        return f"{row.law} ({'not tried' if row.note == LATE else why})"
+    return f"{row.law} ({behind:.0f} behind)" if behind else row.law
 
 
 def _row(c: Hypothesis) -> str:

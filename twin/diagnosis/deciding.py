@@ -13,11 +13,13 @@ from scipy.special import ndtri
 
 from twin.diagnosis.classes import Mimics
 from twin.diagnosis.explanation import EvidenceRecord
+from twin.diagnosis.grades import Grade
 from twin.diagnosis.hypotheses import Hypothesis, Refit, ranked
 from twin.diagnosis.lawresidual import LawResidual
 from twin.diagnosis.shortlist import DETECTED
 from twin.diagnosis.sizes import Detectable
 from twin.effects.labels import AND
+from twin.effects.mechanism import Mechanism
 from twin.effects.protocol import Effect, Theta
 from twin.experiments.choice import Experiment
 from twin.judging.comparison import Comparison
@@ -25,7 +27,8 @@ from twin.judging.frame import FrameTest
 from twin.judging.judged import Judged
 
 TIE = 6.0  # 2 ln B: below it neither of two models is preferred (Kass & Raftery 1995, doi 10.2307/2291091)
-SECOND = 25.0  # by which several together must be ahead of every single one
+SECOND = 25.0  # by which several together must be ahead of every single one,
+SHARE = 0.15  # and by this share of its evidence where they do not fit without law errors
 POWER = 0.9  # with which a size must be found to be named
 
 
@@ -34,8 +37,9 @@ class Diagnosis:
     """The result of `diagnose`: verdict, named effects, ties, ranking, next test, and the errors in mm.
 
     named: the best hypothesis' effects, `effects` in their laws; tied: every hypothesis of the verdict, the
-    best first, stand-ins last; groups: those of several effects, whether named or not; kept: the best one's
-    fit, and where it began (`start`).
+    best first, stand-ins last, and where nothing is named the nearest; groups: those of several effects,
+    whether named or not; kept: the best one's fit, and where it began (`start`). grade: how sure the names
+    are, `sure` in words; foretold: by block that no fit has seen, the probability of its forecast.
     """
 
     verdict: str
@@ -58,6 +62,19 @@ class Diagnosis:
     kept: Judged | Refit | None = None
     start: Theta = field(default_factory=dict)
     law_left: LawResidual | None = None
+    grade: Grade | None = None
+    sure: str = ""
+    foretold: Mapping[int, float] = field(default_factory=dict)
+
+    @property
+    def nearest(self) -> tuple[str, ...]:
+        """The effects that come nearest, named or not, each physics as a verdict joins it."""
+        return tuple(h.physics for h in self.tied if not h.kind)
+
+    @property
+    def mechanisms(self) -> tuple[Mechanism, ...]:
+        """The mechanisms of what is named, or comes nearest, that of the best first."""
+        return tuple(dict.fromkeys(e.mechanism for h in self.tied for e in h.effects))
 
     @property
     def law(self) -> str | None:
@@ -102,7 +119,7 @@ def decided(base: Judged, rows: Sequence[Hypothesis]) -> Decision:
     contenders = several or singles
     best = contenders[0]
     others = [s for s in stand_ins if s.kind not in [e.generic for e in best.effects]]
-    tied = [h for h in contenders if close(h, best)]
+    tied = sorted((h for h in contenders if close(h, best)), key=doubts)
     mimics = _by_kind([s for s in others if s.adequate and close(s, best)])
     unknown = any(ahead(s, best) for s in others) or not any(h.adequate for h in tied)
     assert best.score is not None
@@ -117,6 +134,12 @@ def reliable(tries: int) -> float:
     (3.86, 4.82)
     """
     return float(-ndtri(DETECTED / 2 / max(tries, 1)) + ndtri(POWER))
+
+
+def doubts(h: Hypothesis) -> tuple[bool, bool, bool, int]:
+    """What speaks against one of several that the data cannot tell apart, the gravest first: it does not fit,
+    its size is not plausible, it is pressed against a bound, and how many numbers it takes."""
+    return (not h.adequate, h.plausible is False, h.at_outer_bound, sum(len(e.parameters) for e in h.effects))
 
 
 def close(a: Hypothesis, b: Hypothesis) -> bool:
@@ -167,9 +190,11 @@ def _by_kind(rows: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 def _earned(h: Hypothesis, singles: Sequence[Hypothesis]) -> bool:
     """True if several effects together are far ahead of every single one, and each predicts parts that were
-    left out of the fit."""
+    left out of the fit. What a single law leaves grows with its effect, so that a second one that only takes
+    it up may be far ahead, too: it leads by a small share, and does not fit either."""
     assert h.score is not None
     evidence = max((s.score.evidence for s in singles if s.score), default=0.0)
     bic_gain = max((s.score.delta_bic for s in singles if s.score), default=0.0)
-    far = min(h.score.evidence - evidence, h.score.delta_bic - bic_gain) > SECOND
+    lead = min(h.score.evidence - evidence, h.score.delta_bic - bic_gain)
+    far = lead > (SECOND if h.exact else max(SECOND, SHARE * evidence))
     return far and all(x > 0 for x in h.score.held_out.values())

@@ -8,9 +8,11 @@ from pydantic import Field
 from twin.diagnosis.classes import Mimics
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.explanation import EvidenceRecord
+from twin.diagnosis.grades import Grade
 from twin.diagnosis.hypotheses import Hypothesis
 from twin.diagnosis.lawresidual import LawResidual
 from twin.diagnosis.sizes import Detectable
+from twin.effects.mechanism import Mechanism
 from twin.experiments.choice import Experiment
 from twin.judging.fitrecord import Estimate, UnseenFilm
 from twin.judging.frame import FrameTest
@@ -128,6 +130,10 @@ class DiagnosisRecord(Record):
     sentence: str = ""
     named: tuple[str, ...] = Field(description="the missing effects, and their laws as in twin.toml")
     law: str | None = None
+    grade: Grade | None = Field(default=None, description="how sure a name is: named, likely or like")
+    sure: str = Field(default="", description="the grade with its reason, in words")
+    nearest: tuple[str, ...] = Field(default=(), description="the effects that come nearest, named or not")
+    mechanisms: tuple[Mechanism, ...] = Field(default=(), description="their classes of physics")
     ties: tuple[tuple[str, ...], ...] = Field(
         default=(),
         description="what these data cannot tell apart",
@@ -175,6 +181,10 @@ class DiagnosisRecord(Record):
             sentence=diagnosis.sentence,
             named=diagnosis.named,
             law=diagnosis.law,
+            grade=diagnosis.grade,
+            sure=diagnosis.sure,
+            nearest=diagnosis.nearest,
+            mechanisms=diagnosis.mechanisms,
             ties=diagnosis.ties,
             classes=diagnosis.classes,
             ranking=tuple(map(RankingRow.of, diagnosis.ranking)),
@@ -201,6 +211,18 @@ class DiagnosisRecord(Record):
             p_value_after=after.p_value if after else None,
             held_out=tuple(held_out),
         )
+
+    def behind(self, row: RankingRow) -> float | None:
+        """How far an effect is behind the best of the ranking by evidence; None where it was not refitted."""
+        best = max((r.evidence for r in self.ranking if r.evidence is not None), default=0.0)
+        return None if row.evidence is None else best - row.evidence
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The verdict as it is told: the names, their mechanism, how sure they are, and what was found."""
+        mechanism = f"Mechanism: {' or '.join(self.mechanisms)}" if self.mechanisms else ""
+        sure = f"How sure: {self.sure}" if self.sure else ""
+        return tuple(filter(None, (f"Verdict: {self.verdict}", mechanism, sure, self.sentence)))
 
 
 NONE = DiagnosisRecord(verdict="not diagnosed", named=())

@@ -50,8 +50,8 @@ class Score:
 
     evidence: 2 ln B (Laplace); delta_bic: the BIC gain; size: the root of the fall of deviance without law
     errors, in sds. law: the size of the laws' errors that the data ask for, as a share of what the effects
-    add; p_value: of the lack of fit there. held_out: of several effects the fall of chi2 that each brings in
-    parts that are left out.
+    add; p_value: of the lack of fit there, p_exact without law errors. held_out: of several effects the fall
+    of chi2 that each brings in parts that are left out.
     """
 
     evidence: float
@@ -59,6 +59,7 @@ class Score:
     size: float
     law: float
     p_value: float
+    p_exact: float = 0.0
     held_out: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -137,6 +138,11 @@ class Hypothesis:
         """True if the refit leaves noise alone, under the law errors that the data ask for, with no amplitude
         that would go beyond its bound."""
         return self.score is not None and self.score.p_value > ADEQUATE and not self.at_outer_bound
+
+    @property
+    def exact(self) -> bool:
+        """True if it is adequate, and as much so without law errors."""
+        return self.adequate and self.score is not None and self.score.p_exact > ADEQUATE
 
     @property
     def at_outer_bound(self) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from calibrate import Fit
 from twin.diagnosis.classes import classes_of
 from twin.diagnosis.deciding import Diagnosis, decided
+from twin.diagnosis.grades import grade_of
 from twin.diagnosis.hypotheses import Hypothesis, Refit
 from twin.diagnosis.lawresidual import law_residual
 from twin.diagnosis.refitting import with_effects
@@ -21,7 +22,14 @@ from twin.diagnosis.shortlist import LATE, Progress, Task
 from twin.diagnosis.signatures import Signatures, prior_sd
 from twin.diagnosis.sizes import Detectable, smallest, unseen
 from twin.diagnosis.sizes import in_words as sizes_in_words
-from twin.diagnosis.wording import cannot, concluded, fallen, unrefitted
+from twin.diagnosis.wording import (
+    cannot,
+    concluded,
+    fallen,
+    missing_in_words,
+    sure_in_words,
+    unrefitted,
+)
 from twin.effects.protocol import Effect, Unsolvable
 from twin.effects.standins import stand_ins
 from twin.experiments.benchchecks import in_words as checks_in_words
@@ -29,6 +37,7 @@ from twin.experiments.benchchecks import witnesses
 from twin.experiments.choice import Member, in_words, next_experiments
 from twin.judging.fitting import noise_of, unresolved
 from twin.judging.frame import frame_test
+from twin.judging.heldout import forecasts
 from twin.judging.judged import Judged, judge
 from twin.judging.lawerrorlevels import inexact
 from twin.model.prediction import Model
@@ -81,9 +90,9 @@ def diagnose(
 
 def _kept(diagnosis: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
     """The diagnosis with the fit of what it names carried to its end, under the law errors that its refit
-    asked for, and a sentence on the accuracy of the laws."""
+    asked for, how sure it is, and a sentence on the accuracy of the laws."""
     if diagnosis.kept is None or diagnosis.tied[0].score is None:
-        return diagnosis
+        return replace(diagnosis, sure=sure_in_words(diagnosis))
     model, last = with_effects(base, diagnosis.effects), diagnosis.kept.fit
     law = diagnosis.tied[0].score.law
 
@@ -96,13 +105,16 @@ def _kept(diagnosis: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
         judged = ended(last.theta)
     residual, judged = law_residual(judged, targets), inexact(judged, targets)
     refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
+    foretold = forecasts(judged, targets)
+    grade = grade_of(diagnosis.tied[0], alone=not diagnosis.ties, forecasts=list(foretold.values()))
+    diagnosis = replace(diagnosis, grade=grade, foretold=foretold)
     rows = tuple(replace(h, refit=refit) if h.label == diagnosis.law else h for h in diagnosis.ranking)
     diagnosis = replace(diagnosis, kept=judged, law_left=residual, ranking=rows)
     doubt = residual.words(diagnosis.named) if residual else ""
     wider = any(e.label != e.name for e in diagnosis.effects)
     others = unrefitted(diagnosis) if doubt or wider else ""
-    sentences = [diagnosis.sentence, doubt, others, fallen(diagnosis)]
-    return replace(diagnosis, sentence=" ".join(filter(None, sentences)))
+    sentences = [missing_in_words(diagnosis), doubt, others, fallen(diagnosis)]
+    return replace(diagnosis, sure=sure_in_words(diagnosis), sentence=" ".join(filter(None, sentences)))
 
 
 def _refusal(targets: Targets) -> str:

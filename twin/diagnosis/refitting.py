@@ -93,6 +93,7 @@ def scored(
         size=float(np.sqrt(max(fall[0], 0.0))),
         law=level.law,
         p_value=level.p_value,
+        p_exact=at_levels[0].p_value,
         held_out={e.name: held_out(judged, e, targets) for e in effects} if len(effects) > 1 else {},
     )
 

@@ -210,25 +210,43 @@ class Refits:
             lone = not laws[0].kind and all(d.kind for d in self.done)
             if lone or (count < most and self._near(laws[0])):
                 count += 1
-                self._laws(laws)
+                self._laws(laws) if len(laws[0].effects) == 1 else self._together(laws[0])
 
     def _laws(self, laws: Sequence[Hypothesis]) -> None:
         """Refit one physics in its laws, the narrowest first, until one leaves nothing to a law's errors."""
         rows = {h.label: h for h in laws}
         last: Hypothesis | None = None
         for law in self._widening(laws[0]):
-            h = rows.get(law.label) if len(laws[0].effects) == 1 else laws[0]
+            h = rows.get(law.label)
             if h is None and last is not None and last.refit is not None:
                 h = replace(last, effects=(law,), start=law.start(last.start), refit=None, score=None)
             if h is None:
                 continue
             last = self.refit(h)
-            if last.adequate and last.score is not None and not last.score.law:
+            if _left_nothing(last):
                 break
 
+    def _together(self, h: Hypothesis) -> None:
+        """Refit several effects in their narrowest laws, then in those that they were proposed in, until
+        nothing is left to a law's errors."""
+        for each in (self._narrowed(h), h):
+            if each.label not in self.tried and _left_nothing(self.refit(each)):
+                break
+
+    def _narrowed(self, h: Hypothesis) -> Hypothesis:
+        """Several effects in their narrowest laws, begun where those were refitted alone: a law that is wide
+        because a partner was missing is none beside it."""
+        alone = {r.label: r.start for r in self.done if len(r.effects) == 1 and r.refit is not None}
+        narrow = {e.name: e for e in self.task.absent if e.label in alone}
+        effects = tuple(narrow.get(name, e) for name, e in zip(h.names, h.effects, strict=True))
+        labels = {e.label for e in effects} - {e.label for e in h.effects}
+        changed = [e for e in effects if e.label in labels]
+        start = {k: x for k, x in h.start.items() if k.partition(".")[0] not in [e.name for e in changed]}
+        start |= {p.name: alone[e.label][p.name] for e in changed for p in e.parameters}
+        return replace(h, effects=effects, start=start)
+
     def _widening(self, h: Hypothesis) -> list[Effect]:
-        """The laws of what a hypothesis says is missing, the narrowest first; of several effects, or of a
-        stand-in, itself."""
+        """The laws of what a hypothesis says is missing, the narrowest first; of a stand-in, itself."""
         law = next((e for e in self.task.absent if e.name == h.physics), None)
         if law is None:
             return [h.effect]
@@ -269,6 +287,11 @@ class Refits:
             (best,) = screened(self.base, signatures_of(self.base, [finer]))
             h = replace(h, start=best.start, gain=best.gain) if best.gain > h.gain else h
         return replace(h, effects=(h.effect.at(h.start, test),))
+
+
+def _left_nothing(h: Hypothesis) -> bool:
+    """True if a refit leaves nothing to a law's errors."""
+    return h.adequate and h.score is not None and not h.score.law
 
 
 def on_a_basis(effect: Effect, test: Test) -> bool:

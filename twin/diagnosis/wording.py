@@ -4,8 +4,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from twin.diagnosis.deciding import Decision, Diagnosis
+from twin.diagnosis.grades import FORETOLD, Grade
 from twin.diagnosis.hypotheses import Hypothesis, ranked
 from twin.effects.labels import KINDS, OR
+from twin.effects.protocol import Theta
 from twin.judging.comparison import Comparison, change_in_words, error_in_words
 from twin.judging.judged import Judged
 
@@ -27,7 +29,7 @@ def concluded(decision: Decision, base: Judged, rows: Sequence[Hypothesis]) -> D
             sentence="The model agrees with the measurement: these data ask for no further effect.",
         )
     elif decision.unknown:
-        diagnosis = _unknown(base, rows)
+        diagnosis = _unknown(decision.named, base, rows)
     elif decision.weak:
         diagnosis = _weak(decision)
     else:
@@ -43,11 +45,10 @@ def concluded(decision: Decision, base: Judged, rows: Sequence[Hypothesis]) -> D
 
 
 def _named(named: Sequence[Hypothesis]) -> Diagnosis:
-    """The verdict on the best hypothesis, with those that cannot be told from it."""
-    best = named[0]
-    names = tuple(KINDS.get(h.kind, h.kind) if h.kind else h.physics for h in named)
-    mimics = [h for h in named if h.kind]
-    diagnosis = Diagnosis(
+    """The verdict on the best hypothesis, with those that cannot be told from it; its sentence waits for the
+    fit of the best."""
+    best, names = named[0], tuple(map(_called, named))
+    return Diagnosis(
         verdict=OR.join(names),
         sentence="",
         named=best.names,
@@ -56,14 +57,63 @@ def _named(named: Sequence[Hypothesis]) -> Diagnosis:
         start=best.start,
         ties=(names,) if names[1:] else (),
         tied=tuple(named),
-        resembles=tuple(mimics),
+        resembles=tuple(h for h in named if h.kind),
     )
-    if diagnosis.ties:
-        like = "".join(f" The {h.kind} would be {h.words}." for h in mimics)
-        return replace(diagnosis, sentence=f"These data cannot tell {' from '.join(names)}.{like}")
-    are = "are" if best.names[1:] else "is"
-    clauses = ". ".join(capital(e.told(diagnosis.start)) for e in best.effects)
-    return replace(diagnosis, sentence=f"{' and '.join(best.names)} {are} missing. {clauses}.")
+
+
+def _called(h: Hypothesis) -> str:
+    """What a verdict calls a hypothesis."""
+    return KINDS.get(h.kind, h.kind) if h.kind else h.physics
+
+
+def missing_in_words(diagnosis: Diagnosis) -> str:
+    """What is missing, as surely as its grade says, with the sizes of the fits."""
+    best, *others = diagnosis.tied
+    assert diagnosis.kept is not None
+    sizes = _sizes(best, diagnosis.kept.values)
+    if others:
+        members = [f"{best.physics}: {sizes}"]
+        members += [f"{h.physics}: {_sizes(h, h.refit.values)}" for h in others if h.refit and not h.kind]
+        mimics = [f"The {h.kind} would be {h.words}" for h in others if h.kind]
+        names = " from ".join(map(_called, diagnosis.tied))
+        return f"These data cannot tell {names}. {'. '.join([*members, *mimics])}."
+    names, are = " and ".join(best.names), "are" if best.names[1:] else "is"
+    missing = f"Something like {names} is missing ({' or '.join(diagnosis.mechanisms)})"
+    if diagnosis.grade is not Grade.LIKE:
+        missing = f"{'Probably ' * (diagnosis.grade is Grade.LIKELY)}{names} {are} missing"
+    return f"{missing}. {capital(sizes)}."
+
+
+def _sizes(h: Hypothesis, values: Theta) -> str:
+    """The effects of a hypothesis at fitted values."""
+    return "; ".join(e.told(values) for e in h.effects)
+
+
+def sure_in_words(diagnosis: Diagnosis) -> str:
+    """How sure what is named is, and why; "" where nothing is named or near."""
+    if diagnosis.grade is None:
+        return ""
+    best = diagnosis.tied[0]
+    size = best.score.size if best.score else 0.0
+    refuted = any(p <= FORETOLD for p in diagnosis.foretold.values())
+    if diagnosis.grade is Grade.LIKE:
+        why = "nothing that was tried fits" if not diagnosis.named else (
+            "these data cannot tell it from others" if diagnosis.ties
+            else "a film that no fit has seen contradicts it" if refuted
+            else "its law is another than those tried"
+        )  # fmt: skip
+        return f"like: {why}."
+    foretold = "a film that no fit has seen is foretold"
+    if diagnosis.grade is Grade.NAMED:
+        why = f"its law fits within the noise, it is {size:.0f} times its uncertainty, and {foretold}"
+        return f"named: {why}."
+    why = f"it is only {size:.0f} times its uncertainty" if diagnosis.foretold else (
+        "no film is held out that could confirm it"
+    )  # fmt: skip
+    return (
+        f"likely: its law fits within the noise, but {why}. To be sure, film the finger again "
+        f"{diagnosis.mechanisms[0].film}, hold that film out (held_out = true), and run twin diagnose."
+    )
 
 
 def _weak(decision: Decision) -> Diagnosis:
@@ -78,22 +128,26 @@ def _weak(decision: Decision) -> Diagnosis:
     )
 
 
-def _unknown(base: Judged, rows: Sequence[Hypothesis]) -> Diagnosis:
-    """The verdict where nothing of the library explains the residual."""
+def _unknown(nearest: Sequence[Hypothesis], base: Judged, rows: Sequence[Hypothesis]) -> Diagnosis:
+    """The verdict where nothing of the library explains the residual, with what comes nearest."""
     comparison = base.comparison
     fitted = [h for h in ranked(list(rows)) if h.score is not None and h.score.evidence > 0]
     alike = [h for h in fitted if h.kind][:SHOWN]
     like = f" The rest looks like {'; or like '.join(h.words for h in alike)}." if alike else ""
-    near = [
-        f"{h.label} leaves {h.comparison.raw_rms_mm:.3f} mm" for h in fitted if not h.kind and h.comparison
-    ][:SHOWN]
-    nearest = f" The nearest effects: {', '.join(near)}." if near else " No effect lowers the error."
+    near = [h for h in nearest if not h.kind and h.comparison]
+    told = [
+        f"{h.label} ({' or '.join(dict.fromkeys(e.mechanism for e in h.effects))}) leaves "
+        f"{h.comparison.raw_rms_mm:.3f} mm" for h in near if h.comparison
+    ]  # fmt: skip
+    said = f" The nearest effects: {', '.join(told)}." if told else " No effect lowers the error."
     return Diagnosis(
         verdict="none of these",
         sentence=(
             "Something is missing that the library does not have. "
-            f"{error_in_words(comparison)}{like}{nearest} {_place(comparison)}"
+            f"{error_in_words(comparison)}{like}{said} {_place(comparison)}"
         ).strip(),
+        tied=tuple(near),
+        grade=Grade.LIKE if near else None,
         resembles=tuple(alike),
     )
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibrate import Parameter
 from twin.effects.families import Parts, Wide, in_logs
+from twin.effects.mechanism import Mechanism
 from twin.effects.phrases import listed, number, percent, way
 from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.requirements import Requirement
@@ -132,6 +133,7 @@ class Gravity(Effect):
     """The silicone has a density, or more than the base model: its weight bends the finger, at rest too."""
 
     name, order, requires = "gravity", Order.MATERIAL, (Requirement.GRAVITY,)
+    mechanism = Mechanism.LOAD
     sentence = "the finger bends under its own weight"
     parameters = (
         Parameter(

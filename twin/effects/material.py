@@ -9,6 +9,7 @@ import numpy as np
 from calibrate import Parameter
 from fe import Material
 from twin.effects.families import Parts, Wide, in_logs
+from twin.effects.mechanism import Mechanism
 from twin.effects.phrases import felt, listed, number, percent, way
 from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.requirements import Requirement
@@ -70,6 +71,7 @@ class Creep(Family):
     """Finite-strain Prony relaxation G(t) = G0 [1 - sum g_i (1 - exp(-t / tau_i))] with one or two terms."""
 
     name, order, requires = "creep", Order.MATERIAL, (Requirement.HISTORY,)
+    mechanism = Mechanism.HISTORY
     sentence = "the silicone creeps: it keeps moving under a held pressure and recovers slowly"
 
     def law(self, terms: int) -> tuple[Parameter, ...]:
@@ -251,6 +253,7 @@ class Mullins(Family):
     """
 
     name, order = "mullins", Order.MATERIAL
+    mechanism = Mechanism.HISTORY
     requires = (Requirement.HISTORY, Requirement.UNLOADING)
     sentence = "the silicone is softer below the largest load it has carried (Mullins softening)"
     added: ClassVar[Theta] = {"mullins.beta": 0.5}
@@ -308,6 +311,7 @@ class Thermal(Effect):
     """All moduli drift with time: times 1 + rate t, t on the clock of the pressure log."""
 
     name, order = "thermal", Order.MATERIAL
+    mechanism = Mechanism.HISTORY
     sentence = "the silicone gets stiffer or softer with time (its temperature drifts)"
     parameters = symmetric("thermal.rate", most=5e-3, unit="1/s", step=2e-4, likely=1e-3)
 

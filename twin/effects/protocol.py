@@ -13,6 +13,7 @@ from calibrate import Parameter
 from fe import Case, Path
 from fe.mesh.mirror import symmetry_support
 from twin.effects.labels import KINDS, NAME
+from twin.effects.mechanism import Mechanism
 from twin.effects.origin import Origin, sent
 from twin.effects.requirements import Requirement
 from twin.laws.law import RubberLaw
@@ -42,6 +43,19 @@ class Order(IntEnum):
     CLOCK = 60
     SLIP = 70  # markers, then the picture of them
     CAMERA = 80
+
+
+def mechanism_of(order: Order) -> Mechanism:
+    """The mechanism of an effect whose maps are applied at an order, where it states no other.
+
+    >>> str(mechanism_of(Order.LINE))
+    'course of the pressure and clock'
+    """
+    ends = (
+        (Order.LAW, Mechanism.LAW), (Order.GEOMETRY, Mechanism.BODY), (Order.MATERIAL, Mechanism.LAW),
+        (Order.COURSE, Mechanism.LOAD), (Order.CLOCK, Mechanism.COURSE), (Order.CAMERA, Mechanism.PICTURE),
+    )  # fmt: skip
+    return next(mechanism for end, mechanism in ends if order <= end)
 
 
 @dataclass(frozen=True)
@@ -100,8 +114,8 @@ class Effect:
     tried, on any test; `tries` where they depend on the test. requires: what the data must hold, else the
     effect is listed as not testable. smooth: False where its signature is the difference of whole solves, not
     of first order. kind: that of a stand-in, nothing for all others. generic: the kind of stand-in that says
-    the same in general, `outside force`, and so is no other explanation. held: a label that `at` may give it,
-    for who mistypes one.
+    the same in general, `outside force`, and so is no other explanation. mechanism: its class of physics, by
+    default that of its order. held: a label that `at` may give it, for who mistypes one.
 
     Raises ValueError where a class is defined with a name, an order, a requirement or a kind that does not
     exist.
@@ -125,6 +139,7 @@ class Effect:
     smooth: bool = True
     kind: str = ""
     generic: str = ""
+    mechanism: Mechanism = Mechanism.LOAD
     held: str = ""
     origin: ClassVar[Origin | None] = None  # the file of the user's that defines it; set where that is read
 
@@ -136,6 +151,8 @@ class Effect:
         if not isinstance(order, Order):
             names = ", ".join(f"Order.{o.name}" for o in Order)
             raise ValueError(f"effect {cls.name!r}: order = {order!r}, wanted one of {names}")
+        if "order" in vars(cls) and "mechanism" not in vars(cls):
+            cls.mechanism = mechanism_of(order)
         cls.requires = tuple(_requirement(cls.name, r) for r in cls.requires)
         if cls.generic and cls.generic not in KINDS:
             raise ValueError(f"effect {cls.name!r}: {cls.generic!r} is no kind of stand-in, wanted one of "

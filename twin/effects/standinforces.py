@@ -10,6 +10,7 @@ import numpy as np
 from fe import Case, Path
 from fe.mesh.mirror import middle_plane
 from twin.effects.forces import pulled, sections
+from twin.effects.mechanism import Mechanism
 from twin.effects.phrases import direction, softer, where
 from twin.effects.protocol import Order, Perturbation, Test, Theta
 from twin.effects.standin import Span, StandIn
@@ -99,6 +100,7 @@ class SoftSpot(StandIn):
     half; stiffer where negative."""
 
     order, kind, sentence = Order.SUPPORT, "soft spot", "the silicone is softer or stiffer at one place"
+    mechanism = Mechanism.BODY
     HALVES = ("lower", "upper")
 
     def __init__(self, place: float) -> None:
@@ -194,6 +196,7 @@ class Fold(Coming):
     half: as much softer at the top as stated."""
 
     kind, sentence = "fold", "a wall folds or buckles under high pressure"
+    mechanism = Mechanism.BODY
 
     def __init__(self, place: float, span: Span) -> None:
         self.spot, self.span = SoftSpot(place), span

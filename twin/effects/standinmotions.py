@@ -5,6 +5,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legval
 
+from twin.effects.mechanism import Mechanism
 from twin.effects.phrases import direction
 from twin.effects.protocol import Order, Test, Theta
 from twin.effects.standin import Span, StandIn
@@ -16,6 +17,7 @@ class MountingDrift(StandIn):
     """All markers of the finger move as one with time, as its mounting creeps: polynomials of degree 3."""
 
     order, kind, sentence = Order.SLIP, "drift", "the finger as a whole moves with time"
+    mechanism = Mechanism.LOAD
 
     def __init__(self, span: Span) -> None:
         self.span = span
@@ -46,6 +48,7 @@ class ClampPlay(StandIn):
     pressure was reached: by `stop` operators of it, of two WIDTHS."""
 
     order, kind, sentence = Order.SLIP, "play", "the clamp has play: the finger turns in it as a whole"
+    mechanism = Mechanism.LOAD
     HALVES = (WIDTHS[0], WIDTHS[-1])
 
     def __init__(self, span: Span) -> None:

@@ -12,6 +12,7 @@ from fe.element import Integers
 from fe.mesh.refine import free_faces
 from fe.obstacles import Flat
 from twin.effects.families import Parts
+from twin.effects.mechanism import Mechanism
 from twin.effects.phrases import number
 from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable
 
@@ -92,6 +93,7 @@ class StrainLimitingLayer(Effect):
     """A sheet of fabric or paper in the flat bottom: stiff along it, without stiffness to bending."""
 
     name, order = "strain_limiting_layer", Order.MATERIAL
+    mechanism = Mechanism.BODY
     sentence = "a sheet in the bottom (fabric, paper, a skin of glue) keeps it from stretching"
     # a skin of glue, 0.1 mm of 1 MPa, has 0.1 N/mm, a loose fabric 1 to 10 (judgement)
     parameters = (

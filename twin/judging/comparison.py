@@ -174,10 +174,8 @@ def fit_tests(
     b), where there are any. They know from how many static frames, values of the film itself, and samples of
     the resting log, the noise was estimated.
     """
-    frames, freedom = (targets.noise.frames, targets.noise.freedom) if targets.noise else (10**6, np.inf)
     values = w.valid.sum(axis=0)
-    # A factor that all components share errs in all of them at once.
-    nu = np.full(len(values), 1 / (1 / (frames - 2) + len(values) / freedom))
+    nu = freedom(targets, len(values))
 
     def test(name: str, chi2: float, free: Array, frames: Array) -> FitTest:
         p = chi2_test(chi2, free, frames)
@@ -198,6 +196,13 @@ def fit_tests(
         )
         rows.append(FitTest(name="smooth", chi2=share, degrees_of_freedom=free, p_value=p))
     return tuple(rows)
+
+
+def freedom(targets: Targets, components: int) -> Array:
+    """The degrees of freedom (c,) that the noise of each component was estimated with. A factor that all
+    components share errs in all of them at once."""
+    frames, film = (targets.noise.frames, targets.noise.freedom) if targets.noise else (10**6, np.inf)
+    return np.full(components, 1 / (1 / (frames - 2) + components / film))
 
 
 def _smallest(tests: Sequence[FitTest]) -> float:

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from twin.judging.comparison import PLAUSIBLE
+from calibrate import chi2_test
+from calibrate.statistics import omnibus
+from twin.judging.comparison import PLAUSIBLE, freedom, slow_shapes, smooth_functions
 from twin.judging.fitrecord import UnseenFilm
 from twin.judging.fitting import ModelErrors
 from twin.judging.judged import Judged
@@ -16,6 +18,7 @@ from twin.records import Maybe, Record
 from twin.targets import Array, Targets
 
 PARTS = 5  # of a film of one cycle, each left out in turn
+SMOOTH = 3  # courses of a forecast's smooth departures: the first three powers of pressure
 BEGUN, ENDED = 0.1, 0.05  # of the top pressure, between which a cycle neither begins nor ends
 
 
@@ -91,12 +94,49 @@ def unseen(
 ) -> tuple[UnseenFilm, ...]:
     """The error of a prediction (s, p, 3) mm with derivatives (d, s, p, 3) in each block that is held out and
     was measured, by the errors that its model states; films: names by block."""
-    seen = targets.held_out & targets.valid[:, ~targets.fixed].any(axis=(1, 2))
-    blocks = np.unique(targets.block[seen])
     return tuple(
-        _in_block(errors, predicted, jacobian, targets, int(b), films.get(int(b), f"block {b}"))
-        for b in blocks
+        _in_block(errors, predicted, jacobian, targets, b, films.get(b, f"block {b}"))
+        for b in unseen_blocks(targets)
     )
+
+
+def unseen_blocks(targets: Targets) -> list[int]:
+    """The blocks that are held out and were measured."""
+    seen = targets.held_out & targets.valid[:, ~targets.fixed].any(axis=(1, 2))
+    return [int(b) for b in np.unique(targets.block[seen])]
+
+
+def forecasts(judged: Judged, targets: Targets) -> dict[int, float]:
+    """By block that is held out the `surprise` of a judged model."""
+    parts = judged.errors, judged.predicted, judged.jacobian, targets
+    return {b: surprise(*parts, b) for b in unseen_blocks(targets)}
+
+
+def surprise(
+    errors: ModelErrors, predicted: Array, jacobian: Array, targets: Targets, block: int
+) -> float:
+    """Probability of so bad a forecast of a block that a fit has not seen, of a right model.
+
+    The smaller of two, times two: that of what chi2 rises by where the block joins the fit (Chow 1960, doi
+    10.2307/1910133), and that of smooth departures in the block alone. One linearised step takes the fit to
+    its optimum, and errors that all films share are asked for once.
+    """
+    whole = replace(targets, held_out=targets.held_out & (targets.block != block))
+    ends = []
+    for data in (targets, whole):
+        w = errors.whitener(data)
+        z, fitted = w.whiten(data.value - predicted), w.whiten(jacobian).T
+        rest = z - fitted @ np.linalg.lstsq(fitted, z, rcond=1e-12)[0]
+        ends.append((w, z, fitted, float(rest @ rest)))
+    (*_, before), (w, z, fitted, after) = ends
+    values = w.valid[whole.block == block].sum(axis=0)
+    nu = freedom(targets, len(values))
+    courses = slow_shapes(whole)[:SMOOTH] * (whole.block == block)
+    component = np.tile(np.arange(len(values)), len(w.valid))
+    joined = chi2_test(max(after - before, 0.0), values, nu)
+    departing = omnibus(z, smooth_functions(whole, w, courses), component=component,
+                        static_frames_effective=nu, fitted=fitted)  # fmt: skip
+    return min(1.0, 2 * min(joined, departing))
 
 
 def _in_block(

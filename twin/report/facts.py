@@ -11,7 +11,7 @@ from twin.batches.series import earlier_facts
 from twin.bench.comparison import told_of_tests
 from twin.bench.fits import fresh, newest
 from twin.chain import FIT, kinds_writing
-from twin.diagnosis.diagnosisrecord import RankingRow
+from twin.diagnosis.diagnosisrecord import DiagnosisRecord, RankingRow
 from twin.effects.labels import name_of
 from twin.inputs.cameras import CameraRecord
 from twin.judging.fitrecord import FitRecord
@@ -36,7 +36,7 @@ def facts_of(story: Story, notes: list[str]) -> dict[str, Any]:
         "errors": errors_of(story),
         "named": _named(story),
         "evidence": story.history.facts,
-        "ranking": [_ranked(r, r.effect in d.named) for r in d.ranking if not r.untested],
+        "ranking": [_ranked(r, d) for r in d.ranking if not r.untested],
         "study": study_facts(story),
         "ties": d.ties,
         "next_test": d.next_test,
@@ -102,9 +102,9 @@ def _of_tests(fit: FitRecord) -> str:
     return " ".join(told_of_tests((), fit.material_tests))
 
 
-def _ranked(row: RankingRow, named: bool) -> dict[str, Any]:
+def _ranked(row: RankingRow, d: DiagnosisRecord) -> dict[str, Any]:
     """A row of the ranking as the page shows it."""
-    return row.model_dump() | {"effect": row.law, "named": named}
+    return row.model_dump() | {"effect": row.law, "named": row.effect in d.named, "behind": d.behind(row)}
 
 
 def _by_note(rows: list[RankingRow]) -> list[str]:

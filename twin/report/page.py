@@ -58,7 +58,7 @@ def render(*, title: str, facts: Mapping[str, Any]) -> str:
     study        {sentences, rows: [{name, here, published}], starts, known, readings: [{within, rows}],
                  plans: of study.json,
                  pictures: [Picture]}
-    ranking      [{effect, delta_bic, z, p_value, note, named (bool)}], best first
+    ranking      [{effect, behind, delta_bic, z, p_value, note, named (bool)}], best first
     ties         [[effect, ...], ...]
     next_test    sentence
     cannot_tell  [sentence, ...]

@@ -24,7 +24,7 @@ def ranking_rows(story: Story) -> list[dict[str, object]]:
         {
             "effect": r.law,
             "score": _round(r.z),
-            "evidence": "not refitted" if r.evidence is None else _round(r.evidence),
+            "behind": "not refitted" if r.evidence is None else _round(story.diagnosis.behind(r)),
         }
         for r in story.diagnosis.ranking
     ]
@@ -65,7 +65,8 @@ def mechanism(story: Story) -> str:
     """Sentences of the diagnosis after its first one; the errors stand in the opening."""
     parts = story.said[1].removesuffix(".").split(". ")
     told = re.compile(r"The model misses the film|A right model would|With .* it misses it by")
-    return "".join(f"{part}. " for part in parts if part and not told.match(part))
+    sure = [f"How sure: {story.diagnosis.sure} "] if story.diagnosis.sure else []
+    return "".join([*sure, *(f"{part}. " for part in parts if part and not told.match(part))])
 
 
 def commands(story: Story) -> list[str]:

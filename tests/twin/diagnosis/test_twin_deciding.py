@@ -44,9 +44,29 @@ def test_the_best_is_named_alone_where_all_others_are_behind_on_both_scales() ->
 def test_a_tied_name_need_not_be_adequate_but_one_must() -> None:
     rows = [row("creep", evidence=100.0, p=1e-9), row("tube", evidence=98.0, p=0.3)]
     assert not decided(WRONG, rows).unknown
-    assert [h.physics for h in decided(WRONG, rows).named] == ["creep", "tube"]
+    assert [h.physics for h in decided(WRONG, rows).named] == ["tube", "creep"]
     alone = [rows[0], replace(rows[1], score=replace(rows[1].score, p_value=1e-9))]  # type: ignore[type-var]
     assert decided(WRONG, alone).unknown
+
+
+def fitted(h: Hypothesis, *, at: float, bound: bool = False, numbers: int = 1) -> Hypothesis:
+    """The hypothesis with a refit at a value of each of its numbers; they are plausible from -1 to 1."""
+    effects = tuple(toy_effect(e.name, amplitudes=numbers) for e in h.effects)
+    names = [p.name for e in effects for p in e.parameters]
+    refit: Any = SimpleNamespace(values=dict.fromkeys(names, at), at_bound=tuple(names) if bound else ())
+    return replace(h, effects=effects, refit=refit)
+
+
+def test_of_what_cannot_be_told_apart_the_likeliest_comes_first() -> None:
+    rows = [
+        fitted(row("inexact", evidence=100.0, p=1e-9), at=0.5),
+        fitted(row("stretched", evidence=99.9), at=1.0, bound=True),
+        fitted(row("implausible", evidence=99.0), at=2.0),
+        fitted(row("richer", evidence=98.0), at=0.5, numbers=3),
+        fitted(row("simple", evidence=96.0), at=0.5),
+        fitted(row("behind", evidence=80.0), at=0.5),
+    ]
+    assert named(*rows) == ["simple", "richer", "implausible", "inexact", "stretched"]
 
 
 def test_a_stand_in_of_another_kind_vetoes_on_both_scales_and_is_tied_on_one() -> None:
@@ -86,6 +106,14 @@ def test_several_are_named_far_ahead_on_both_scales_if_each_foretells(
     single = row("creep", evidence=100.0)
     both = row("creep", "tube", evidence=100 + lead, bic=100 + bic, held_out=held_out)
     assert named(single, both) == (["creep + tube"] if together else ["creep"])
+
+
+@pytest.mark.parametrize(("lead", "exact", "together"), [(200.0, 0.0, False), (200.0, 0.5, True), (1501.0, 0.0, True)])
+def test_several_whose_laws_err_must_lead_by_a_share_of_the_best_single_one(lead: float, exact: float, together: bool) -> None:
+    """What a law leaves grows with its effect, and a second one takes it up."""
+    both = row("creep", "tube", evidence=10_000 + lead)
+    both = replace(both, score=replace(both.score, p_exact=exact))  # type: ignore[type-var]
+    assert named(row("creep", evidence=10_000.0), both) == (["creep + tube"] if together else ["creep"])
 
 
 def test_a_member_that_another_does_as_well_is_tied() -> None:

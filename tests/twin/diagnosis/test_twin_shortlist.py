@@ -1,11 +1,14 @@
 """What is refitted: who may be the best to first order, until no other can come within reach."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
+import pytest
 
 from tests.twin.diagnosis.toy import Toy, smooth_field, targets, toy_effect
-from twin.diagnosis.hypotheses import Hypothesis, Score
+from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
 from twin.diagnosis.refitting import refitted
 from twin.diagnosis.shortlist import Refits, Task
 from twin.targets import Array
@@ -62,6 +65,22 @@ def test_each_member_of_the_best_pair_is_tried_with_other_partners() -> None:
     assert found.evidence is not None
     assert pair.hint > found.evidence - 6.0  # what it may reach is not promised short
     assert refits.best is found
+
+
+def test_a_pair_begins_in_the_narrowest_laws_of_its_members() -> None:
+    """alpha alone ends in its wide law, as beta is missing; beside beta the narrow one fits."""
+    alone = Hypothesis(effects=EFFECTS[:1], refit=cast("Refit", object()), start={"base.C": 1.2, "alpha.a0": 0.1})
+    refits = Refits(cast("Task", SimpleNamespace(absent=EFFECTS)), None, done=[alone])  # type: ignore[arg-type]
+    wide = toy_effect("alpha", wide=2).wide()
+    assert wide is not None
+    pair = Hypothesis(effects=(wide, EFFECTS[1]), start={"base.C": 1.3, "alpha.a0": 0.7, "alpha.a1": 0.8, "beta.a0": 0.2})
+    tried: list[Hypothesis] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Refits, "refit", lambda self, h: tried.append(h) or h)
+        refits._together(pair)
+    narrow, second = tried
+    assert (narrow.label, second) == ("alpha + beta", pair)
+    assert narrow.start == {"base.C": 1.3, "alpha.a0": 0.1, "beta.a0": 0.2}
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ def test_the_verdict_says_which_noise_it_rests_on() -> None:
         return f"{found.verdict}: {found.sentence}"
 
     stated = stated_noise(t.value, 0.01)
-    assert said(t.noise).startswith("alpha: alpha is missing.")
+    assert said(t.noise).startswith("alpha: Probably alpha is missing.")
     assert "noise is taken" not in said(t.noise)
-    assert said(stated).startswith("alpha: alpha is missing.")
+    assert said(stated).startswith("alpha: Probably alpha is missing.")
     assert said(stated).endswith(f" {stated.basis}")
     assert said(None).startswith("cannot test: no noise model")

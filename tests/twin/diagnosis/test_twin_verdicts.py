@@ -12,6 +12,7 @@ from tests.twin.diagnosis.toy import STEPS, Toy, pressure, smooth_field, targets
 from twin.diagnosis import procedure
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.diagnosisrecord import DiagnosisRecord
+from twin.diagnosis.grades import Grade
 from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
 from twin.diagnosis.procedure import _astray, diagnose
 from twin.diagnosis.wording import unrefitted
@@ -95,6 +96,23 @@ def test_an_effect_that_would_have_to_be_negative_is_not_refitted() -> None:
     assert [c.refit for c in found.ranking] == [None]
 
 
+def test_the_sizes_told_are_those_of_the_fits_of_all_that_is_tied() -> None:
+    def sized(name: str) -> Effect:
+        found = toy_effect(name)
+        type(found).told = lambda self, values: f"{name} is {values[f'{name}.a0']:.6f} mm"  # type: ignore[method-assign]
+        return found
+
+    twin, effects = FIELDS["alpha"] + 0.004 * smooth_field(99), tuple(map(sized, NAMES))
+    found = diagnosed(0.1 * FIELDS["alpha"][0], fields={"beta": twin}, effects=effects)
+    assert found.kept is not None
+    first, second = found.tied
+    values = {first.label: found.kept.values, second.label: second.refit.values}  # type: ignore[union-attr]
+    says(found.sentence, *(f"{n}: {n} is {v[f'{n}.a0']:.6f} mm" for n, v in values.items()))
+    alone = diagnosed(0.3 * FIELDS["alpha"][0], effects=effects)
+    assert alone.kept is not None
+    says(alone.sentence, f"Alpha is {alone.kept.values['alpha.a0']:.6f} mm.")
+
+
 def test_two_effects_alike_are_one_answer() -> None:
     twin = FIELDS["alpha"] + 0.004 * smooth_field(99)
     found = diagnosed(0.1 * FIELDS["alpha"][0], fields={"beta": twin})
@@ -111,6 +129,8 @@ def test_a_stand_in_that_mimics_is_named_beside() -> None:
     assert found.named == ("alpha",)
     assert found.verdict == "alpha or an outside force"
     assert "of pull" in found.sentence
+    assert found.grade is Grade.LIKE
+    assert "cannot tell it from others" in found.sure
 
 
 def test_what_only_a_stand_in_explains_is_none_of_these_and_told() -> None:
@@ -124,6 +144,9 @@ def test_what_only_a_stand_in_explains_is_none_of_these_and_told() -> None:
 def test_what_nothing_explains_is_none_of_these() -> None:
     found = diagnosed(0.2 * smooth_field(77)[0])
     assert (found.verdict, found.named) == ("none of these", ())
+    assert (found.grade, len(found.nearest)) == (Grade.LIKE, 1)
+    says(found.sentence, f"The nearest effects: {found.nearest[0]} (load and supports) leaves")
+    assert "nothing that was tried fits" in found.sure
 
 
 def test_another_law_of_the_same_physics_is_named_with_how_far_it_is_off() -> None:
@@ -134,7 +157,13 @@ def test_another_law_of_the_same_physics_is_named_with_how_far_it_is_off() -> No
     assert found.law_left is not None
     assert 0.02 < found.law_left.share < 0.2
     assert f"all but {100 * found.law_left.share:.2g} % of the motion that alpha adds" in found.sentence
+    assert found.grade is Grade.LIKE
+    assert found.sentence.startswith("Something like alpha is missing (load and supports).")
+    assert "its law is another than those tried" in found.sure
     exact = diagnosed(0.3 * FIELDS["alpha"][0])
+    assert exact.grade is Grade.LIKELY
+    assert exact.sentence.startswith("Probably alpha is missing.")
+    says(exact.sure, "no film is held out", "film the finger again with a weight at the tip")
     assert exact.law_left is None
     assert "describes all but" not in exact.sentence
 

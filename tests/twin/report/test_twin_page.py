@@ -13,10 +13,10 @@ from twin.report.page import Picture, render, table_page, write_report
 WANTED = (
     *("batch-07", "The finger creeps.", "Four times the noise before.", "2026-11-21", "4.2 times the noise"),
     *("0.212 mm", "0.0531 mm", "0.0602 mm", "creep", "one term", "wrong law", "0.0341", "0.0331 to 0.0351"),
-    *("MPa/MPa", "10,043", "9,876", "evidence, 2 ln B", "101", "&lt; 1e-99", "412", "20.1", "3.2e-80", "one orientation", "named"),
+    *("MPa/MPa", "10,043", "9,876", "behind the best", "101", "&lt; 1e-99", "412", "20.1", "3.2e-80", "one orientation", "named"),
     *("clamp or pressure_gain", "Film it upside down.", "C10 and C01 are one number.", "C10 + C01"),
     *("0.2971", "0.2962 to 0.2980", "Only the sum is known.", "0.142 px", "18 images", "reprojection RMS"),
-    *("What speaks for creep:2", "0.212", "0.0529", "5,123", "403", "2 more parameters", "4,703", "each cycle from the others"),
+    *("What speaks for creep:2", "0.212", "0.0529", "5,123", "403", "2 more parameters", "each cycle from the others"),
     *("3.14", "1.07", "creep.g1 = 0.0351: plausible (0.003 to 0.2)", "lag (33.1 %)", "tip&lt;", ">87<", "hold"),
     *("It fails most at marker tip.", "The silicone keeps moving.", "placement", "314", "340", "use a jig", "Left over"),
     *("Map", "in sd", "Finger", "Ridge", "no second camera", "sha256 3f9a12", "twin diagnose", "iVBORw0KGgo"),
