@@ -1,7 +1,8 @@
 """A hypothesis -> its refit, judged by its own errors, and its gain at every size of law errors."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +12,19 @@ from twin.diagnosis.evidence import apart, occam, orthonormal
 from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
 from twin.diagnosis.signatures import null, prior_sd
 from twin.effects.protocol import Effect, Theta, Unsolvable
+from twin.judging.fitting import fit_model, noise_of
 from twin.judging.heldout import folds
 from twin.judging.judged import Judged, judge
 from twin.judging.lawerrorlevels import Level, asked_for, levels
 from twin.judging.lawerrors import averaged
+from twin.model.keptmodel import KeptModel
+from twin.model.nearmodel import NearModel
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
 NEAR = 2.0  # of 2 ln likelihood, that the next step would gain: then the derivatives say the rest
 CLOSE = 2e-3  # or this share of its evidence: what is behind by more is told apart without
+NEARBY = 0.25  # of the noise: a response that states so small an error serves for a whole solve
 MORE = 4  # times a refit of two solves is carried on, where it would gain more
 
 
@@ -31,15 +36,35 @@ def with_effects(base: Judged, effects: Sequence[Effect]) -> Model:
     return model
 
 
+def near_with_effects(
+    base: Judged, effects: Sequence[Effect], targets: Targets, tangents: Mapping[str, Sequence[Array]]
+) -> Model:
+    """The base model with effects more, which answers by its response where that errs by less than NEARBY of
+    the noise; tangents: of effects at the base fit, by label."""
+    whole = with_effects(base, effects)
+    if not (isinstance(whole, KeptModel) and isinstance(base.model, KeptModel)):
+        return whole
+    own = {e.label: tangents[e.label] for e in effects if e.label in tangents}
+    limit = NEARBY * noise_of(targets, base.errors.gauge)
+    return NearModel.of(whole, base.model, base.theta, own, limit_mm=limit)
+
+
 def refitted(
-    h: Hypothesis, base: Judged, targets: Targets, *, starts: Sequence[Theta] = (), seed: int
+    h: Hypothesis,
+    base: Judged,
+    targets: Targets,
+    *,
+    starts: Sequence[Theta] = (),
+    seed: int,
+    tangents: Mapping[str, Sequence[Array]] = MappingProxyType({}),
 ) -> tuple[Hypothesis, Judged | None]:
     """The hypothesis with its refit and score, and the judged model; a note where there is no equilibrium.
 
-    starts: further values of the base model's parameters from which it is tried too.
+    starts: further values of the base model's parameters from which it is tried too; tangents: of effects at
+    the base fit, by label.
     """
-    model = with_effects(base, h.effects)
-    begun = [h.start, *({**h.start, **s} for s in starts)]
+    model = near_with_effects(base, h.effects, targets, tangents)
+    begun = [_foreseen(model, h.start, base, targets, seed), *({**h.start, **s} for s in starts)]
     rows = np.array([model.theta(_allowed(model, values, base.values)) for values in begun])
     try:
         judged = judge(model, targets, starts=rows, seed=seed, evaluations=2, turns=0)
@@ -55,7 +80,24 @@ def refitted(
     except Unsolvable as error:
         return replace(h, note=str(error)), None
     score = scored(judged, at_levels, h.effects, base, targets)
-    return replace(h, refit=Refit.of(judged), score=score, start=_gone_on(judged, at_levels[0].step)), judged
+    refit = Refit.of(replace(judged, model=with_effects(base, h.effects)))
+    step = next(each.step for each in at_levels if each.law == score.law)
+    return replace(h, refit=refit, score=score, start=_gone_on(judged, step)), judged
+
+
+def _foreseen(model: Model, start: Theta, base: Judged, targets: Targets, seed: int) -> dict[str, float]:
+    """Where the response foresees the fit from a start, under the errors of the base model: nearer to the end
+    than what the first order says; the start itself where it foresees nothing."""
+    if not isinstance(model, NearModel):
+        return dict(start)
+    theta = model.theta(_allowed(model, start, base.values))
+    if not model.response.reaches(theta):
+        return dict(start)
+    try:
+        fit = fit_model(model.response, targets, base.whitener, start=theta, seed=seed)
+    except Unsolvable:
+        return dict(start)
+    return model.named(fit.theta) if np.isfinite(fit.chi2) else dict(start)
 
 
 def _allowed(model: Model, start: Theta, base: Theta) -> Theta:

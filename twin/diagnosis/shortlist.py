@@ -13,7 +13,7 @@ import numpy as np
 
 from calibrate import Fit
 from twin.diagnosis.hypotheses import Hypothesis, ranked
-from twin.diagnosis.refitting import refitted, with_effects
+from twin.diagnosis.refitting import near_with_effects, refitted
 from twin.diagnosis.screening import added, paired, screened
 from twin.diagnosis.signatures import Signatures, signatures_of
 from twin.effects.protocol import Effect, Test, Unsolvable
@@ -181,9 +181,9 @@ class Task:
         return [replace(h, hint=h.hint + (top.evidence or 0.0)) for h in rows[:1]]
 
     def _view(self, base: Judged, h: Hypothesis) -> Judged:
-        """The judged model of a refit, from the solves that its model has kept."""
+        """The judged model of a refit, by the solves that its model has kept."""
         assert h.fit is not None
-        return judge_fit(with_effects(base, h.effects), self.targets, h.fit)
+        return judge_fit(near_with_effects(base, h.effects, self.targets, self.known), self.targets, h.fit)
 
 
 @dataclass
@@ -267,8 +267,9 @@ class Refits:
         self.task.tell(f"refit with {h.label}", len(self.done) + 1, len(self.done) + 2)
         held = self._held(h)
         refit, judged = refitted(
-            held, self.base, self.task.targets, starts=self.starts, seed=self.task.seed
-        )
+            held, self.base, self.task.targets, starts=self.starts, seed=self.task.seed,
+            tangents=self.task.known,
+        )  # fmt: skip
         self.done.append(refit)
         self.tried.add(h.label)
         top = self.best.evidence if self.best else None

@@ -102,8 +102,7 @@ def signatures_of(
     if tangents is None:
         tangents = judged.model.tangents(judged.theta, effects)
     basis = orthonormal(judged.fitted)
-    free = [name not in judged.at_bound for name in judged.values]
-    plain = judged.whitener.pick(judged.model.jacobian(judged.theta)[free])
+    plain = judged.whitener.pick(judged.jacobian)
     imitated = orthonormal(np.nan_to_num(plain).reshape(len(plain), int(np.prod(plain.shape[1:]))).T)
     tried = [
         (effect, entry, fields * np.array([prior_sd(p) for p in effect.amplitudes])[:, None, None, None])

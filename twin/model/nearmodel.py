@@ -1,0 +1,82 @@
+"""A model that is solved where its response does not reach, and answers by its response near its solves.
+
+A refit takes steps from its start. Where they are short, a second whole solve brings nothing that the first
+one's derivatives do not say: the response states its error there, and up to a limit in mm it answers.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fe import Solution
+from twin.effects.protocol import Effect
+from twin.model.keptmodel import KeptModel
+from twin.model.prediction import Model, Solved
+from twin.model.prediction import Tangents as SolvedTangents
+from twin.model.response import Surrogate, Tangents
+from twin.targets import Array
+
+
+@dataclass(frozen=True)
+class NearModel(Model):
+    """A whole model, its response, and the error in mm, rms over what moves, up to which that serves."""
+
+    whole: KeptModel = field(default=None, compare=False, repr=False)  # type: ignore[assignment]
+    limit_mm: float = 0.0
+    _known: list[Surrogate] = field(default_factory=list, init=False, compare=False, repr=False)
+
+    @staticmethod
+    def of(
+        whole: KeptModel, base: KeptModel, theta: Array, tangents: Tangents, *, limit_mm: float
+    ) -> "NearModel":
+        """The model of all that it and its base have solved, as `Surrogate.of` takes it."""
+        out = NearModel(
+            whole.test, whole.effects, whole.reference, mesh=whole.mesh, parent=whole.parent,
+            rests=whole.rests, whole=whole, limit_mm=limit_mm,
+        )  # fmt: skip
+        out._known.append(Surrogate.of(whole, base, theta, tangents))
+        return out
+
+    @property
+    def response(self) -> Surrogate:
+        """The response, with all that was solved."""
+        return self._known[-1]
+
+    def error_mm(self, theta: Array) -> float:
+        """The error in mm of the response at theta (d,), 1 sd, rms over what moves; infinite before a whole
+        solve of its own."""
+        response = self.response
+        if not response.solves or not response.reaches(theta):
+            return float("inf")
+        _, sd = response.answer(theta)
+        return float(np.sqrt((sd[:, self.test.moving] ** 2).mean()))
+
+    def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
+        """As `Model.solved`, with the solution of the nearest whole solve."""
+        if self.error_mm(theta) > self.limit_mm:
+            self._known[:] = [self.response.certified(theta)]
+        return self.response.solved(theta, derivatives=derivatives)
+
+    def solution(self, theta: Array) -> Solution:
+        """The solution of the nearest whole solve."""
+        self.solved(theta)
+        return self.response.solution(theta)
+
+    def per_pressure(self, theta: Array) -> Array:
+        """As `Model.per_pressure`, at the nearest whole solve."""
+        self.solved(theta)
+        return self.response.per_pressure(theta)
+
+    def modes(self, theta: Array) -> Array:
+        """As `Model.modes`, from the nearest whole solve."""
+        self.solved(theta)
+        return self.response.modes(theta)
+
+    def with_effect(self, effect: Effect) -> Model:
+        """The whole model with one more effect."""
+        return self.whole.with_effect(effect)
+
+    def tangents(self, theta: Array, effects: Sequence[Effect]) -> SolvedTangents:
+        """As `Model.tangents`, by whole solves."""
+        return self.whole.tangents(theta, effects)
