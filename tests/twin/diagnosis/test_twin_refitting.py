@@ -23,7 +23,8 @@ def test_only_a_right_effect_gains_in_parts_left_out() -> None:
     rng = np.random.default_rng(3)
     fitted = rng.standard_normal((400, 3))
     own, part = np.array([False, False, True]), np.repeat([0, 1], 200)
-    right, wrong = [], []
+    right: list[float] = []
+    wrong: list[float] = []
     for _ in range(50):
         noise = rng.standard_normal(400)
         for size, out in ((0.5, right), (0.0, wrong)):
