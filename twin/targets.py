@@ -260,6 +260,25 @@ class Targets:
         """Flags (s, p, 3) of the values that fits use: data of the finger in films that are not held out."""
         return self.valid & ~self.fixed[:, None] & ~self.held_out[:, None, None]
 
+    def carried(self, most: float, held_out: float) -> "Targets":
+        """The targets up to a pressure in MPa, and in blocks that are held out up to another: no value beyond
+        is data, and the path is held there. Where the pressure between the steps is known, what a block has
+        after that is no data either: its course counts for a memory."""
+        top = np.where(self.held_out, held_out, most)
+        starts = np.flatnonzero(np.diff(self.block, prepend=-1))
+        block = np.searchsorted(self.time[starts], self.log_time, side="right") - 1
+        log_top = top[starts][np.maximum(block, 0)]
+        beyond = self.pressure > top * (1 + 1e-9)
+        if self.has_log:
+            over = self.log_pressure > log_top * (1 + 1e-9)
+            first = [self.log_time[over & (block == b)].min(initial=np.inf) for b in range(len(starts))]
+            beyond |= self.time >= np.array(first)[self.block]
+        beyond[self.reference] = False
+        return replace(
+            self, valid=self.valid & ~beyond[:, None, None], pressure=np.minimum(self.pressure, top),
+            log_pressure=np.minimum(self.log_pressure, log_top),
+        )  # fmt: skip
+
     def rms(self, field: Array) -> float:
         """Root mean square of a field (s, p, 3) over the values that fits use."""
         return float(np.sqrt((field[self.used] ** 2).mean()))

@@ -178,6 +178,7 @@ def fitted_by(bench: Workbench, fit: Fit, judgement: Judgement) -> dict[str, Any
     words += [row.sentence for row in priors]
     words += filter(None, [weights_in_words(targets, residual, w)])
     return solver | {
+        "carried_MPa": bench.carried and (bench.carried.fitted, bench.carried.held_out),
         "loss": bench.project.config.calibrate.loss, "priors": priors,
         "down_weighted": down_weighted(targets, residual, w), "said": tuple(words),
     }  # fmt: skip

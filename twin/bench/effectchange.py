@@ -20,8 +20,9 @@ from twin.bench.comparison import (
     write_curves,
 )
 from twin.bench.fits import fresh, held_fit, newest, newest_fit
-from twin.bench.workbench import Workbench
+from twin.bench.workbench import Workbench, as_far_as_it_carries
 from twin.calibrated.effectstarts import begun_from, nominal
+from twin.calibrated.problem import Carried
 from twin.judging.comparison import change_in_words
 from twin.judging.fitrecord import ComparisonRecord, Estimate, FitRecord, MaterialTestsRow
 from twin.judging.intervals import estimates, fit_record
@@ -105,6 +106,8 @@ def change_effects(
     with project.new_run(kind, extra={"effects": list(effects)}) as run:
         model = bench.model(effects)
         former = held_fit(project, effects) if kind == "drop" else None
+        if former is not None and former.carried_MPa is not None:
+            bench = bench.carrying(Carried(*former.carried_MPa))
         if former is None:
             change = diagnosed(bench, effects, start)
         else:
@@ -114,7 +117,12 @@ def change_effects(
             unknown = {n: x for n, x in _nominal(model).items() if n not in fitted}
             theta = model.theta(begun_from(model, fitted, {**unknown, **start}))
             say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
-            change = Change.of(bench, bench.judged(model, theta, say))
+            bench, change = _fitted(bench, effects, theta, say)
+        if bench.carried is not None and former is None:  # the effects may carry more
+            further, gone_on = _fitted(Workbench.of(project, whole=True), effects, change.fit.theta, say)
+            if further.carried is None or further.carried.fitted >= bench.carried.fitted:
+                bench, change = further, gone_on
+            say(_carries(bench, effects))
         fit, comparison = change.fit, compared(run, change.fit.theta, change.judgement, bench, say)
         beside = fitted_by(bench, fit, change.judgement)
         run.write(change.record(effects=effects, **beside))
@@ -151,6 +159,24 @@ def change_effects(
         "fit": files.plain(change.record(**beside)),
         "steps": files.plain(history),
     }
+
+
+def _fitted(
+    bench: Workbench, effects: tuple[str, ...], start: Array, say: Say
+) -> tuple[Workbench, Change]:
+    """The model with effects, fitted from a start (d,) to the targets as far as it carries them, and the
+    workbench with these."""
+    return as_far_as_it_carries(
+        bench, lambda b: (b, Change.of(b, b.judged(b.model(effects), start, say)))
+    )
+
+
+def _carries(bench: Workbench, effects: Sequence[str]) -> str:
+    """A sentence on how far a model with effects carries a test of which it carried a part."""
+    model = f"The model with {' and '.join(effects)}" if effects else "The model"
+    if bench.carried is None:
+        return f"{model} carries all of the test, and is fitted to all of it."
+    return f"{model} is fitted up to {1e3 * bench.carried.fitted:.3g} kPa: it does not carry more."
 
 
 def _unseen(model: Model, change: Change) -> list[str]:

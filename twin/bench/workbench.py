@@ -1,21 +1,23 @@
 """The calibration problem of a project: targets, model and whitener, for every stage after `measure`."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 from fe import Case
 from twin.bench.engines import jobs_of
-from twin.bench.fits import newest
+from twin.bench.fits import held_fit, newest
 from twin.bench.priors import TAILS, known_values
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
 from twin.calibrated.caches import Store
 from twin.calibrated.positions import PlacedPoint, fault_of, on_structure, placed
-from twin.calibrated.problem import BEYOND, CalibrationProblem
+from twin.calibrated.problem import BEYOND, CalibrationProblem, Carried
 from twin.coupons.pulltest import pull_tests
 from twin.effects.material import Elasticity
 from twin.effects.ownfiles import own_effects
-from twin.effects.protocol import Effect
+from twin.effects.protocol import Effect, Unsolvable
 from twin.gravity import density
 from twin.judging.fitrecord import FitRecord
 from twin.laws.catalogue import named_law
@@ -28,6 +30,9 @@ from twin.model.structure import Structure, beside, closed, in_law, of_body, of_
 from twin.project.folder import Project
 from twin.project.trust import check_trusted, programs
 from twin.targets import Targets
+
+Fitted = TypeVar("Fitted")
+TRIES = 4  # fits of a model that carries less than the test
 
 
 @dataclass(frozen=True)
@@ -53,8 +58,9 @@ class Workbench(CalibrationProblem):
         return jobs_of(self.project)
 
     @staticmethod
-    def of(project: Project) -> "Workbench":
-        """The workbench of a project. ValueError for unknown nodes or fixed parameters of no use."""
+    def of(project: Project, *, whole: bool = False) -> "Workbench":
+        """The workbench of a project, with targets as far as its fitted model carries them; whole: with all.
+        ValueError for unknown nodes or fixed parameters of no use."""
         structure = structure_of(project)
         elasticity = elasticity_of(project, structure.nominal)
         targets, remarks = on_structure(
@@ -69,7 +75,31 @@ class Workbench(CalibrationProblem):
         bench = Workbench(targets, structure, elasticity, remarks, tests, store=store, project=project)
         former = newest(project, FitRecord, ("calibrate",)) if bench.tests else None
         fitted = former.material_tests if former else None
-        return bench.stretched(STRETCH / BEYOND if fitted is None else fitted.finger_stretch)
+        bench = bench.stretched(STRETCH / BEYOND if fitted is None else fitted.finger_stretch)
+        return bench if whole else bench.carrying(carried(project))
+
+
+def carried(project: Project) -> Carried | None:
+    """Up to which pressures the model of a project carries its targets, by its newest fit that holds; None
+    where it carries all, or there is no fit."""
+    fit = held_fit(project, project.config.model.effects)
+    most = fit.carried_MPa if fit else None
+    return None if most is None else Carried(*most)
+
+
+def as_far_as_it_carries(bench: Workbench, fitted: Callable[[Workbench], Fitted]) -> Fitted:
+    """What a fit on a workbench gives; where a solve of it does not come to the highest pressure, on the
+    targets up to where it came. ValueError where it comes nowhere."""
+    why = ""
+    for _ in range(TRIES):
+        try:
+            return fitted(bench)
+        except Unsolvable as error:
+            t, why = bench.targets, str(error)
+            used = float(t.pressure[t.used.any(axis=(1, 2))].max())
+            most = bench.carried or Carried(used, float(t.pressure.max()))
+            bench = bench.carrying(most.below(error.reached))
+    raise ValueError(f"{why}; wanted constants, effects or a mesh that carry more of the test")
 
 
 def check_plausible(project: Project, targets: Targets, case: Case) -> None:

@@ -38,7 +38,22 @@ from twin.targets import Array, Targets
 # the scale of finer meshes over that of the model they serve, at most and either way, where it does more than
 # to scale the pressure
 SAME = 1.05
+SOLVED = 0.95  # of the pressure at which a solve stopped is what others are asked for
 BEYOND = 1.2  # times the largest stretch in the finger: how far curves of the silicone are used
+
+
+@dataclass(frozen=True)
+class Carried:
+    """Pressures in MPa up to which a model carries the targets of its fit, and those that are held out."""
+
+    fitted: float
+    held_out: float
+
+    def below(self, reached: float) -> "Carried":
+        """Pressures that a solve reaches, which came to `reached` MPa; lower ones where it says nothing."""
+        known = 0.0 < reached < max(self.fitted, self.held_out)
+        most = SOLVED * (reached if known else max(self.fitted, self.held_out))
+        return Carried(min(self.fitted, most), min(self.held_out, most))
 
 
 @dataclass(frozen=True)
@@ -46,7 +61,8 @@ class CalibrationProblem:
     """Targets, the structure that shows them, and which constants of its law are free.
 
     remarks: changes to the targets, one sentence each. tests: of the silicone itself, whose curves the
-    targets have, up to BEYOND of finger_stretch, the largest stretch in the finger. store: finer meshes that
+    targets have, up to BEYOND of finger_stretch, the largest stretch in the finger. carried: up to
+    which pressure the model carries them, where it does not carry all. store: finer meshes that
     were solved. effects: labels of the effects in the model, of which `own` are the user's.
     mesh_error: whether finer meshes tell the error of this one.
     """
@@ -57,6 +73,7 @@ class CalibrationProblem:
     remarks: tuple[str, ...] = ()
     tests: tuple[PullTest, ...] = ()
     finger_stretch: float | None = None
+    carried: Carried | None = None
     store: Store = field(default_factory=Store)
     effects: tuple[str, ...] = ()
     own: tuple[Effect, ...] = ()
@@ -102,6 +119,13 @@ class CalibrationProblem:
     def path(self) -> Path:
         """The path of loads in the targets."""
         return base_test(self.targets, self.case).path
+
+    def carrying(self, most: Carried | None) -> Self:
+        """The problem with targets up to the pressures that its model carries; None: as they are."""
+        if most is None:
+            return self
+        targets = self.targets.carried(most.fitted, most.held_out)
+        return replace(self, targets=targets, carried=most)
 
     def stretched(self, finger: float | None) -> Self:
         """The problem with the curves of the silicone's tests up to BEYOND of the largest stretch in the

@@ -14,19 +14,22 @@ from twin.bench.comparison import Judgement, compared, fitted_by, told_of_tests,
 from twin.bench.effectchange import change_effects
 from twin.bench.engines import check_embedded
 from twin.bench.fits import former_fit
-from twin.bench.workbench import Workbench
+from twin.bench.workbench import Workbench, as_far_as_it_carries
 from twin.commands.calibratelaws import run_laws
 from twin.judging.intervals import fit_record
 from twin.judging.jointfit import doubt_of_tests
 from twin.messages import Say
 from twin.project.folder import Project, Run
 from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt
+from twin.study.carrying import carried, cut, in_words
 from twin.study.fullsolves import full_solves
 from twin.study.generations import Generation, evaluations, search
 from twin.study.identifiability import identifiability_of
 from twin.study.loadpathfit import OnPaths
 from twin.study.multistart import LEAST, MOST, PICTURE, several_starts
 from twin.targets import Array
+
+FAR = 3.0  # times the objective is what constants leave of all data where that is told
 
 
 def run_calibrate(
@@ -45,7 +48,7 @@ def run_calibrate(
         return run_laws(project, say, laws=laws)
     _check_starts(project, starts)
     effects = project.config.model.effects
-    bench = Workbench.of(project)
+    bench = Workbench.of(project, whole=True)
     bench.model()  # names an effect that cannot be, before any work is done for it
     start = _former_values(project, effects, bench.law.names)
     for sentence in doubts(bench.targets, bench.case):
@@ -56,10 +59,16 @@ def run_calibrate(
         if starts and on.of_one_shape:
             raise ValueError(f"--starts: {bench.law.title} is fitted by whole solves, too dear for it; "
                              "leave it out")  # fmt: skip
+        highest, most = float(bench.targets.pressure.max()), carried(on)
+        on = on if most is None else cut(on, most)
         best = _scaled(on, run, say) if on.of_one_shape else _searched(on, run, say)
-        _check_explained(on, best.best)
+        if most is None:
+            _check_explained(on, best.best)
         tried = several_starts(on, best.best, starts, run, say) if starts else None
-        bench, judged = on.least(best.best, say, *([tried.best] if tried else []))
+        more = [tried.best] if tried else []
+        bench, judged = as_far_as_it_carries(
+            on.bench, lambda b: OnPaths.on(b, on.paths).least(best.best, say, *more)
+        )
         model, fit, tests = judged.model, judged.fit, bench.agreement(judged)
         comparison = compared(run, fit.theta, Judgement.of(judged), bench, say)
         words = identifiability_of(
@@ -68,6 +77,9 @@ def run_calibrate(
         beside = fitted_by(bench, fit, Judgement.of(judged)) | {"material_tests": tests}
         if tried is not None:
             beside |= {"starts": tried.rows, "said": (*beside["said"], tried.words)}
+        if bench.carried is not None:
+            limit = in_words(min(on.limit(fit.theta), highest), highest, bench.carried.fitted)
+            beside["said"] = (*beside["said"], limit)
         initial = on.initial(judged)
         run.write(fit_record(fit, comparison, effects=(), identifiability=words, initial=initial, **beside))
         write_curves(run, tests)
@@ -167,7 +179,17 @@ def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
     )  # fmt: skip
     candidates = _written(on, generations, run, say)
     say(f"Genetic algorithm: the best of {candidates} candidates has {generations[-1].rms_mm:.3f} mm RMS.")
+    if whole := _of_all(on, generations[-1].best):
+        say(whole)
     return generations[-1]
+
+
+def _of_all(on: OnPaths, theta: Array) -> str:
+    """A sentence where constants (d,) leave far more of all data than of the objective; "" elsewhere."""
+    t, u, named = on.bench.targets, on.predicted(theta), on.bench.project.config.calibrate.objective_points
+    if u is None or (rms := t.rms(t.value - u)) < FAR * on.cost(on.bench.model().named(theta)):
+        return ""
+    return f"That is of {' and '.join(named)} at the top pressure; of all data they leave {rms:.3f} mm RMS."
 
 
 def _written(on: OnPaths, generations: list[Generation], run: Run, say: Say) -> int:

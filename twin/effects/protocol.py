@@ -23,7 +23,14 @@ Theta = Mapping[str, float]
 
 
 class Unsolvable(Exception):
-    """The model has no equilibrium for these parameters; the message says how far it came, or why."""
+    """The model has no equilibrium for these parameters; the message says how far it came, or why.
+
+    reached: pressure in MPa up to which it has, 0 where nothing can be solved.
+    """
+
+    def __init__(self, why: str, *, reached: float = 0.0) -> None:
+        super().__init__(why)
+        self.reached = reached
 
 
 class Order(IntEnum):

@@ -170,6 +170,11 @@ class FitRecord(Record):
     material_tests: MaterialTestsRow | None = Field(
         default=None, description="tests of the silicone that were fitted beside the film"
     )
+    carried_MPa: tuple[Finite, Finite] | None = Field(
+        default=None,
+        description="up to which pressure the model carries the films of its fit, and those held out, where "
+        "it does not carry all",
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

@@ -38,6 +38,8 @@ CARRIED = 2 / 3  # of the remainder that the smooth modes carry
 COARSE = 0.5  # of the scale: meshes further apart than this do not tell where they lead to
 NEARBY = 3.0  # times, at most, the finer meshes reach beyond the test's pressure at theoretical constants
 TURNS = 4  # steps to the pressure at which the base mesh is nearest to a displacement,
+BEYOND = 2.0  # times the highest pressure is where what a mesh errs is looked for
+LEAST = 3  # samples of a path that ends early
 SAME = 1e-7  # of the highest pressure, below which a step is the last
 
 
@@ -121,7 +123,7 @@ class Discretisation:
             value, slope = base.at(q, rows)
             ahead, square = (slope * (seen - value)).sum(axis=(1, 2, 3)), (slope**2).sum(axis=(1, 2, 3))
             step = ahead / np.maximum(square, 1e-12)
-            q = q + step
+            q = np.clip(q + step, -self.grid[-1], BEYOND * self.grid[-1])  # without pressure nothing holds it
             if np.abs(step).max() < SAME * self.grid[-1]:
                 break
         return q
@@ -181,7 +183,7 @@ def discretisation_error(
     solved_at: where the finer meshes are solved. Where only pressure loads the finger, and no weight, U
     depends on p / scale and the law's shape alone, so that they serve for any scale; with the shape the
     changes hardly change (0.12 of Mooney-Rivlin's share: 2 um of 60). cache: what gives the arrays, made now
-    or before. Raises ValueError where a finer mesh has no equilibrium.
+    or before. Unknown where a finer mesh does not carry the test.
     """
     if structure.unknown:
         return Discretisation.none(structure.unknown)
@@ -189,16 +191,26 @@ def discretisation_error(
     responses = _responses(test, structure, solved_at, gravities, cache)
     rows = range(len(gravities))
     by_mesh = {name: np.array([responses[name, k] for k in rows]) for name in _meshes(structure)}
-    names = tuple(structure.finer)
+    names, grid = tuple(structure.finer), np.linspace(0.0, solved_at.top, SAMPLES)
+    carried = np.isfinite([u for every in by_mesh.values() for u in every]).all(axis=(0, 2, 3))
+    if not carried.all():  # one has its limit point before: the room for softer constants is less
+        share = MARGIN * float(grid[carried].max(initial=0.0)) / solved_at.top
+        if share < 1.0:
+            top = 1e3 * float(test.path.pressure.max())
+            return Discretisation.none(
+                f"a finer mesh carries at most {share * top:.3g} kPa, the test goes to {top:.3g} kPa, so "
+                "near is its limit point"
+            )
+        grid, by_mesh = grid[carried], {name: u[:, carried] for name, u in by_mesh.items()}
     mesh = Discretisation(
         names=names,
         scale=solved_at.constants.scale,
         law=solved_at.constants.law,
-        grid=np.linspace(0.0, solved_at.top, SAMPLES),
+        grid=grid,
         gravities=gravities,
         base=by_mesh["base"],
         changes=np.array([by_mesh[name] - by_mesh["base"] for name in names]),
-        tested=_tested(float(test.path.pressure.max()), solved_at.top),
+        tested=min(_tested(float(test.path.pressure.max()), solved_at.top), float(grid[-1])),
     )
     if mesh.apart > COARSE:
         return Discretisation.none(
@@ -271,18 +283,17 @@ def _response(
     path: Path,
     points: Array,
 ) -> Array:
-    """Displacements (k, p, 3) mm of points (p, 3) mm along a path of k pressures, without history."""
+    """Displacements (k, p, 3) mm of points (p, 3) mm along a path of k pressures, without history; NaN beyond
+    its end."""
     case = under(replace(mesh.build().with_material(**constants.terms), forces=forces), path)
     with effort.counted(effort.FINER):
         solution = solve(case, path, count=COUNT)
-    if not solution.converged:
-        raise ValueError(
-            f"error of the mesh: the finer mesh of {len(case.nodes)} nodes {solution.reason}; wanted a "
-            f"solution up to the highest pressure: fix {' or '.join(constants.law.names)} in twin.toml "
-            "[model] fixed, or film at a lower pressure"
-        )
-    # Surfaces of meshes that follow one geometry differ a little: a point of one may lie beside another.
-    return solution.at(np.array([nearest(solution.case, x) for x in points]))
+    out, inside = np.full((len(path.output), len(points), 3), np.nan), path.pressure <= solution.reached
+    if solution.converged or inside.sum() > LEAST:
+        # surfaces of meshes that follow one geometry differ a little: a point of one may lie beside another
+        u = solution.at(np.array([nearest(solution.case, x) for x in points]))
+        out[inside | solution.converged] = u[inside | solution.converged]
+    return out
 
 
 # -- linear tetrahedra: they cannot bend, nor keep their volume, without being too stiff ---------------------

@@ -67,6 +67,10 @@ class LoadPaths:
         each = (_blend(nodes, x) for nodes, x in zip(self.nodes, shape, strict=True))
         return self._spline(q, reduce(np.multiply.outer, each, np.ones(())).ravel())
 
+    def limit(self, constants: Constants) -> float:
+        """The pressure in MPa up to which the model has an equilibrium with these constants."""
+        return self._reached(constants.shape) * constants.scale if self.reached.all() else 0.0
+
     def _reached(self, shape: tuple[float, ...]) -> float:
         """The reduced pressure that the paths around a shape reached, linear between them."""
         out = self.reached.reshape([len(nodes) for nodes in self.nodes])
@@ -122,6 +126,12 @@ class Sheets:
         return np.asarray(sum(w * u for w, u in zip(weights, rows, strict=True)), float)
 
 
+    def limit(self, constants: Constants) -> float:
+        """As `LoadPaths.limit`, of the two scales beside."""
+        beside = int(np.clip(np.searchsorted(self.scales, constants.scale), 1, len(self.scales) - 1))
+        return min(paths.limit(constants) for paths in self.paths[beside - 1 : beside + 1])
+
+
 @dataclass(frozen=True)
 class Turned:
     """Load paths in every direction of gravity, and which of them (s,) acts on each step of the targets."""
@@ -140,6 +150,10 @@ class Turned:
                 return None
             out.append(u)
         return np.concatenate(out)[np.argsort(np.argsort(number, kind="stable"))]
+
+    def limit(self, constants: Constants) -> float:
+        """As `LoadPaths.limit`, in the direction of gravity in which it is least."""
+        return min(way.limit(constants) for way in self.ways)
 
 
 def sheets(

@@ -413,7 +413,7 @@ def respond(
     work = (effort.COLUMNS, count) if columns and count else (kind, 1)
     effort.add(*work, time.process_time() - began)
     if not solution.converged:
-        raise Unsolvable(f"the finite-element model {solution.reason}")
+        raise Unsolvable(f"the finite-element model {solution.reason}", reached=solution.reached)
     return u, du, solution
 
 

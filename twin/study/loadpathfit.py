@@ -53,10 +53,16 @@ class OnPaths:
         wide: over all shapes that a fit may end at; held: of one shape alone, as by default of a law that
         load paths do not serve: the nominal one.
         """
+        rows = np.flatnonzero(~bench.targets.fixed)
+        return OnPaths.on(bench, _load_paths(bench, rows, wide, held, say))
+
+    @staticmethod
+    def on(bench: Workbench, paths: Turned | EnginePaths) -> "OnPaths":
+        """The base model of a workbench on load paths that are there."""
         config, table = bench.project.config, bench.project.config.calibrate
         rows = np.flatnonzero(~bench.targets.fixed)
         objective = Objective.of(bench.targets, config.objective_points, table.objective_component - 1)
-        return OnPaths(bench, _load_paths(bench, rows, wide, held, say), rows, objective)
+        return OnPaths(bench, paths, rows, objective)
 
     def holding(self, fit: Fit, say: Say) -> "OnPaths":
         """The same, or with load paths for negative shares of C01, too, where a fit ended there."""
@@ -99,6 +105,12 @@ class OnPaths:
         out = np.zeros_like(t.value)
         out[:, self.rows] = relative(u, t.reference, t.rests)
         return out
+
+    def limit(self, theta: Array) -> float:
+        """The pressure in MPa that the model carries at the free constants theta (d,); inf of jobs, which
+        must carry all."""
+        at = self.constants(theta)
+        return np.inf if isinstance(self.paths, EnginePaths) else self.paths.limit(at)
 
     def least(self, best: Array, say: Say, *more: Array) -> tuple[Workbench, Judged]:
         """The least-squares fit of the constants to all targets: on the load paths from several starts,

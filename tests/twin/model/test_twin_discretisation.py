@@ -182,6 +182,30 @@ def test_meshes_that_lead_nowhere_are_refused(short: Finger, draw: Draw) -> None
     assert not plain.modes(THETA).size
 
 
+@pytest.mark.parametrize(("ends", "known"), [(0.95, True), (0.7, False)])
+def test_a_finer_mesh_that_ends_early_gives_less_room_or_no_error(
+    short: Finger, make_targets: Callable[..., Targets], short_case: Case, ends: float, known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    structure, at = of_finger(short, COARSE), SolvedAt.beside(NOMINAL, 0.02)
+    test = base_model(make_targets(), short_case).test
+
+    def responses(*_: object) -> dict[tuple[str, int], Array]:
+        share = np.linspace(0.0, 1.0, discretisation.SAMPLES)
+        u = np.multiply.outer(share, np.ones((int(test.moving.sum()), 3)))
+        longer = {name: u * (1 + 0.01 * k) for k, name in enumerate(("base", *structure.finer))}
+        longer["check"] = np.where((share > ends)[:, None, None], np.nan, longer["check"])
+        return {(name, 0): field for name, field in longer.items()}
+
+    monkeypatch.setattr(discretisation, "_responses", responses)
+    mesh = discretisation_error(test, structure=structure, solved_at=at)
+    assert bool(mesh.unknown) != known
+    if known:
+        assert 0.02 <= mesh.grid[-1] < ends * at.top
+        assert np.isfinite(mesh.changes).all()
+    else:
+        assert "a finer mesh carries at most 15.9 kPa, the test goes to 20 kPa" in mesh.unknown
+
+
 def test_what_creep_adds_is_uncertain_for_every_marker_on_its_own(draw: Draw) -> None:
     model = draw.model.on_mesh(draw.mesh)
     plain, creeping = model.modes(THETA), model.with_effect(effect("creep"))

@@ -134,3 +134,12 @@ def test_a_point_that_is_not_seen_then_is_named(make_targets: Callable[..., Targ
     with pytest.raises(ValueError, match=saying("'middle'", "U3", "3", "objective_points")):
         Objective.of(lost, ("tip", "middle"), 2)
     assert Objective.of(lost, ("tip",), 2).rows.tolist() == [0]
+
+
+def test_without_pressure_the_search_looks_at_the_step_that_moves_most(make_targets: Callable[..., Targets]) -> None:
+    value = np.zeros((8, 3, 3))
+    value[4:6, :2, 2] = [[-1.0, -0.4], [-3.0, -1.0]]
+    t = make_targets(pressure=np.zeros(8), log_pressure=np.zeros(181), value=value)
+    assert first_arrival(t) == 5
+    with pytest.raises(ValueError, match="no value is fitted"):
+        first_arrival(replace(t, valid=np.zeros((8, 3, 3), bool)))
