@@ -31,7 +31,7 @@ from twin.project.folder import Project
 from twin.project.trust import check_trusted, programs
 from twin.targets import Targets
 
-Fitted = TypeVar("Fitted")
+Given = TypeVar("Given")
 TRIES = 4  # fits of a model that carries less than the test
 
 
@@ -87,7 +87,7 @@ def carried(project: Project) -> Carried | None:
     return None if most is None else Carried(*most)
 
 
-def as_far_as_it_carries(bench: Workbench, fitted: Callable[[Workbench], Fitted]) -> Fitted:
+def as_far_as_it_carries(bench: Workbench, fitted: Callable[[Workbench], Given]) -> Given:
     """What a fit on a workbench gives; where a solve of it does not come to the highest pressure, on the
     targets up to where it came. ValueError where it comes nowhere."""
     why = ""

@@ -22,7 +22,7 @@ SEARCHED = 16  # scales from which a fit begins
 
 
 @dataclass(frozen=True)
-class Level:
+class FitUpTo:
     """A fit of the constants to the steps up to a pressure `top` in MPa; limit: what the model carries there,
     MPa; None where no constants carry it."""
 
@@ -67,7 +67,7 @@ def carried(on: OnPaths) -> Carried | None:
     return None
 
 
-def _reach(level: Level, highest: float) -> float:
+def _reach(level: FitUpTo, highest: float) -> float:
     return max(level.top, min(level.limit / NEAR, highest))
 
 
@@ -82,7 +82,7 @@ def cut(on: OnPaths, most: Carried) -> OnPaths:
     return OnPaths.on(on.bench.carrying(most), on.paths)
 
 
-def _level(on: OnPaths, top: float) -> Level:
+def _level(on: OnPaths, top: float) -> FitUpTo:
     """The level of a pressure, from the best of evenly spread scales at the usual shape."""
     at = cut(on, Carried(top, top))
     t, elasticity = at.bench.targets, at.bench.elasticity
@@ -94,9 +94,9 @@ def _level(on: OnPaths, top: float) -> Level:
     rms = [np.inf if u is None else t.rms(t.value - u) for u in fields]
     k = int(np.argmin(rms))
     if not np.isfinite(rms[k]):
-        return Level(at, top, None, 0.0)
+        return FitUpTo(at, top, None, 0.0)
     fit = at.unweighted(thetas[k][None])
-    return Level(at, top, fit, at.limit(fit.theta))
+    return FitUpTo(at, top, fit, at.limit(fit.theta))
 
 
 def in_words(limit: float, highest: float, fitted: float) -> str:
