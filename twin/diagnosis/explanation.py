@@ -155,7 +155,7 @@ def shares(targets: Targets, w: Whitener, residual: Array, remainder: Array) -> 
     """The explained shares by marker and branch, and over all, from cleaned residuals (s, p, 3) mm without
     the effect and with it."""
     point, axis = w.components.T
-    noise = np.sqrt(w.sd**2 + (w.modes[w.shared :] ** 2).sum(axis=0))
+    noise = w.noise_sds
     branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
     markers = {targets.names[k]: point == k for k in np.unique(point)} | {ALL: np.ones(len(point), bool)}
     steps = {name: branch == k for k, name in enumerate(BRANCHES)} | {ALL: np.ones(len(branch), bool)}

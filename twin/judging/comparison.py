@@ -244,7 +244,7 @@ def residual_maps(targets: Targets, w: Whitener, cleaned: Array) -> dict[str, tu
     Shared errors are taken off at PLAUSIBLE sds at most: a misfit at top pressure would else ask for a wrong
     rest position of 16 sd, say, and then seem to be at rest.
     """
-    noise = np.sqrt(w.sd**2 + (w.modes[w.shared :] ** 2).sum(axis=0))
+    noise = w.noise_sds
     branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
     edges = np.linspace(targets.pressure.min(), targets.pressure.max() + 1e-12, 5)
     band = np.clip(np.digitize(targets.pressure, edges) - 1, 0, 3)

@@ -1,10 +1,11 @@
 """The noise of targets at rest -> a Kalman filter: values in mm become independent innovations of variance 1.
 
 The noise is the static film's, whose markers are correlated within a frame: an autoregression of first order
-in time, and a white rest; and the white codec noise of patches that move.
+in time, and a white rest; the white codec noise of patches that move; and the noise of the pressure gauge,
+one error a step, which moves all values of the step together.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,15 +30,20 @@ class Steady:
 @dataclass(frozen=True, eq=False)
 class NoiseFilter:
     """The noise of targets and the Kalman filter that whitens it: x_t = rho x_t-1 + w_t, observed with white
-    noise (Anderson & Moore 1979, Optimal Filtering). It knows no model: all models of the targets share
-    it."""
+    noise (Anderson & Moore 1979, Optimal Filtering). Without `gauge` it knows no model: all models of the
+    targets share it."""
 
     components: NDArray[np.int64]  # (m, 2): point and axis of each component that is data
     valid: NDArray[np.bool_]  # (s, m)
-    sd: Array  # (s, m) mm
+    sd: Array  # (s, m) mm, the gauge's noise aside
     steady: tuple[Steady, ...]  # (blocks,)
     block: NDArray[np.int64]  # (s,)
-    kept: dict[str, Array] = field(default_factory=dict)  # what is made once for all models, by its name
+    gauge: Array | float = 0.0  # (s, m) mm: what 1 sd of the gauge's noise does to each value
+    kept: dict[str, Array] = field(default_factory=dict)  # what is made once, by its name
+
+    def with_gauge(self, gauge: Array) -> "NoiseFilter":
+        """The noise with that of a gauge (s, m) mm, an error of 1 sd in each step."""
+        return replace(self, gauge=np.where(self.valid, gauge, 0.0), kept={})
 
     @cached_property
     def first(self) -> NDArray[np.bool_]:
@@ -55,8 +61,7 @@ class NoiseFilter:
             decay = np.outer(n.rho, n.rho)
             P = n.static if self.first[t] else decay * P + n.static * (1 - decay)
             data = np.ix_(seen, seen)
-            white = np.maximum(self.sd[t] ** 2 - np.diag(n.static + n.fresh), 0.0)[seen]
-            turn[t][data] = np.linalg.inv(np.linalg.cholesky((P + n.fresh)[data] + np.diag(white)))
+            turn[t][data] = np.linalg.inv(np.linalg.cholesky((P + self._new(t))[data]))
             gain[t] = P @ turn[t].T
             P = P - gain[t] @ gain[t].T
         return turn, gain
@@ -73,11 +78,17 @@ class NoiseFilter:
         still = np.array([np.diag(n.static + n.fresh) for n in self.steady])[self.block]
         return np.where(self.valid, np.maximum(self.sd**2 - still, 0.0), 0.0)
 
+    def _new(self, t: int) -> Array:
+        """The covariance (m, m) mm2 of what is new in a step: of the noise at rest and of the gauge's, and
+        the variance beyond."""
+        gauge = np.broadcast_to(self.gauge, self.sd.shape)[t]
+        return self.steady[self.block[t]].fresh + np.outer(gauge, gauge) + np.diag(self._white[t])
+
     @property
     def trace(self) -> float:
         """The sum of the variances in mm2 of all values that are data."""
         still = np.array([np.diag(n.static + n.fresh) for n in self.steady])[self.block]
-        return float((self._white + still)[self.valid].sum())
+        return float((self._white + still + np.square(self.gauge))[self.valid].sum())
 
     @cached_property
     def trace_of_square(self) -> float:
@@ -85,7 +96,7 @@ class NoiseFilter:
         total = 0.0
         for t, seen in enumerate(self.valid):
             n = self.steady[self.block[t]]
-            total += float((((n.static + n.fresh) + np.diag(self._white[t]))[np.ix_(seen, seen)] ** 2).sum())
+            total += float(((n.static + self._new(t))[np.ix_(seen, seen)] ** 2).sum())
         for b, n in enumerate(self.steady):
             seen = self.valid[self.block == b].astype(float)
             power, lag = n.static**2, 1
@@ -106,10 +117,10 @@ class NoiseFilter:
             steps, rho = np.flatnonzero(self.block == b), n.rho[:, None]
             before = np.zeros(fields.shape[1:])
             after = np.zeros(fields.shape[1:])
-            for t in steps:
-                out[t] += before + (n.static + n.fresh) @ fields[t] + self._white[t][:, None] * fields[t]
+            for t in steps.tolist():
+                out[t] += before + (n.static + self._new(t)) @ fields[t]
                 before = rho * (before + n.static @ fields[t])
-            for t in steps[::-1]:
+            for t in steps[::-1].tolist():
                 out[t] += n.static @ after
                 after = rho * (after + fields[t])
         return np.moveaxis(np.where(self.valid[:, :, None], out, 0.0), 2, 0)

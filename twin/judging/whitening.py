@@ -1,7 +1,7 @@
 """Targets and a model's own errors -> a whitener: residuals in mm become independent values of variance 1.
 
-On top of the noise (`noisefilter`) come modes: errors shared by many values, 1 sd each, and one gauge error
-per step.
+On top of the noise (`noisefilter`), the gauge's in each step among it, come modes: errors shared by many
+values, 1 sd each, and the gauge's errors in the reference, which move its other steps, too.
 
 The solver's own error is left out. Without history it is 5e-8 of the motion (48 levels for 12). With creep,
 of three Prony terms on film A with a regulator's ripple, three times as many times change the default finger
@@ -11,7 +11,7 @@ by 1.0 um rms, its tip by 2.0 um of 63 mm. In films with noise of 1.5 and 0.8 um
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -59,9 +59,10 @@ class Whitener:
     """
 
     noise: NoiseFilter
-    modes: Array  # (k, s, m) mm, shared modes first (the reference's gauge error last), then one a step
+    modes: Array  # (k, s, m) mm, shared ones first (of the gauge in the mean reference last), then its steps
     shared: int  # how many of the modes are shared
     names: tuple[str, ...]  # (shared,) of the shared modes
+    gauge: Array | float = 0.0  # (s, m) mm: what 1 sd of the gauge's noise does to each value
 
     @property
     def components(self) -> NDArray[np.int64]:
@@ -110,7 +111,7 @@ class Whitener:
         """The whitener with more shared modes (k, s, p, 3) mm of these names (k,)."""
         count, more = self.shared, np.where(self.valid, np.nan_to_num(self.pick(modes)), 0.0)
         every = np.concatenate([self.modes[:count], more, self.modes[count:]])
-        return Whitener(self.noise, every, count + len(more), (*self.names, *names))
+        return replace(self, modes=every, shared=count + len(more), names=(*self.names, *names))
 
     @cached_property
     def _whitened_modes(self) -> Array:
@@ -132,7 +133,7 @@ class Whitener:
         """Orthonormal directions (n, r) in which the modes add variance, and the modes' sizes (r,) there."""
         G = self._whitened_modes
         sizes, vectors = np.linalg.eigh(self._gram)
-        keep = sizes > 1e-10 * max(sizes.max(initial=0.0), 1e-300)
+        keep = sizes > 1e-13 * max(sizes.max(initial=0.0), 1e-300)
         root = np.sqrt(sizes[keep])
         return (G.T @ vectors[:, keep]) / root, root
 
@@ -151,19 +152,13 @@ class Whitener:
         axes, sizes = self._axes
         return np.asarray(z - (z @ axes) * (1 - 1 / np.sqrt(1 + sizes**2)) @ axes.T, float)
 
-    @cached_property
-    def _gauge_axes(self) -> tuple[Array, Array]:
-        """The gauge's errors (k, n) in whitened values, and what makes orthonormal directions of them (k,
-        r)."""
-        errors = self.rewhitened(self._whitened_modes[self.shared :])
-        sizes, turn = np.linalg.eigh(errors @ errors.T)
-        keep = sizes > 1e-12 * max(float(sizes.max(initial=0.0)), 1e-300)
-        return errors, turn[:, keep] / np.sqrt(sizes[keep])
-
     def along_gauge(self, z: Array) -> tuple[float, int]:
-        """The chi2 of whitened values (n,) along the gauge's errors, and its number of values."""
-        errors, turn = self._gauge_axes
-        return float((((errors @ z) @ turn) ** 2).sum()), turn.shape[1]
+        """The chi2 of whitened values (n,) along the gauge's errors, one direction a step: that in which they
+        are new; and its number of values."""
+        along = np.einsum("tij,tj->ti", self.noise.gains[0], np.broadcast_to(self.gauge, self.sd.shape))
+        size = np.linalg.norm(along, axis=1)
+        sizes = (along * z.reshape(along.shape)).sum(axis=1)[size > 0] / size[size > 0]
+        return float(sizes @ sizes), len(sizes)
 
     def amplitudes(self, residual: Array, *, bound: float = np.inf) -> Array:
         """Most probable amplitude (k,) of every mode in a residual (s, p, 3) mm, in sds; of a shared mode
@@ -173,27 +168,32 @@ class Whitener:
         sizes = np.asarray(np.linalg.solve(H, b), float)
         return sizes if np.all(np.abs(sizes[: self.shared]) <= bound) else _bounded(H, b, self.shared, bound)
 
-    def cleaned(self, residual: Array, *, gauge: bool = False, bound: float = np.inf) -> Array:
-        """The residual (s, m) mm without its shared modes, each at most `bound` sds; gauge noise stays unless
-        `gauge`, law errors always, which are no errors of the measurement; NaN where no data."""
-        count, size = len(self.modes) if gauge else self.shared, self.amplitudes(residual, bound=bound)
-        size[: self.shared][self.of_laws] = 0.0
-        cleaned = self.pick(residual) - np.tensordot(size[:count], self.modes[:count], 1)
+    def cleaned(self, residual: Array, *, bound: float = np.inf) -> Array:
+        """The residual (s, m) mm without its shared modes, each at most `bound` sds; gauge noise stays, and
+        law errors, which are no errors of the measurement; NaN where no data."""
+        size = self.amplitudes(residual, bound=bound)[: self.shared]
+        size[self.of_laws] = 0.0
+        cleaned = self.pick(residual) - np.tensordot(size, self.modes[: self.shared], 1)
         return np.where(self.valid, cleaned, np.nan)
 
-    def rms(self, residual: Array, *, gauge: bool = False, bound: float = np.inf) -> float:
+    def rms(self, residual: Array, *, bound: float = np.inf) -> float:
         """Root mean square in mm of the cleaned residual."""
-        return float(np.sqrt(np.nanmean(self.cleaned(residual, gauge=gauge, bound=bound) ** 2)))
+        return float(np.sqrt(np.nanmean(self.cleaned(residual, bound=bound) ** 2)))
 
     def error(self, residual: Array) -> float:
         """Root mean square in mm of a residual (s, p, 3) mm, shared errors included, as drawn."""
         return float(np.sqrt((self.pick(residual)[self.valid] ** 2).mean()))
 
     @property
+    def noise_sds(self) -> Array:
+        """The sd (s, m) mm of each value: independent noise and the gauge's."""
+        variance = self.sd**2 + np.square(self.noise.gauge) + (self.modes[self.shared :] ** 2).sum(axis=0)
+        return np.asarray(np.sqrt(variance), float)
+
+    @property
     def noise_sd(self) -> float:
         """Root mean variance in mm of one value: independent noise and the gauge's."""
-        variance = self.sd**2 + (self.modes[self.shared :] ** 2).sum(axis=0)
-        return float(np.sqrt(variance[self.valid].mean()))
+        return float(np.sqrt((self.noise_sds[self.valid] ** 2).mean()))
 
     @cached_property
     def without_laws(self) -> "Whitener":
@@ -202,7 +202,7 @@ class Whitener:
             return self
         kept = np.append(~self.of_laws, np.ones(len(self.modes) - self.shared, bool))
         names = tuple(name for name in self.names if not name.startswith(LAW))
-        return Whitener(self.noise, self.modes[kept], len(names), names)
+        return replace(self, modes=self.modes[kept], shared=len(names), names=names)
 
     def expected_after(self, jacobian: Array) -> "Expected":
         """What `error` would be of a right model after its fit, with the derivatives (d, s, p, 3) of it.
@@ -268,8 +268,7 @@ class Whitener:
     @property
     def stated(self) -> float:
         """Root mean variance in mm of one value before any fit: noise and shared errors together."""
-        counted = np.append(~self.of_laws, np.ones(len(self.modes) - self.shared, bool))
-        variance = self.sd**2 + (self.modes[counted] ** 2).sum(axis=0)
+        variance = self.noise_sds**2 + (self.modes[: self.shared][~self.of_laws] ** 2).sum(axis=0)
         return float(np.sqrt(variance[self.valid].mean()))
 
 
@@ -316,18 +315,24 @@ def whitener(
     """
     noise = noise_filter(targets, points)
     p, i = noise.components.T
-    shared, single = _gauge_modes(gauge[:, p, i], targets.reference, targets.rests)
+    own = np.nan_to_num(gauge[:, p, i])
+    shared, single = _gauge_modes(own, targets.reference, targets.rests)
     modes = np.concatenate([targets.modes[:, :, p, i], prediction_modes[:, :, p, i], shared])
-    modes, single = (np.where(noise.valid, np.nan_to_num(x), 0.0) for x in (modes, single))
+    count, modes = len(modes), np.concatenate([modes, single])
+    modes = np.where(noise.valid, np.nan_to_num(modes), 0.0)
     names = *targets.mode_names, *("mesh",) * len(prediction_modes), *(OWN,) * len(shared)
-    return Whitener(noise, np.concatenate([modes, single]), len(modes), names)
+    alone = np.isin(np.arange(len(own)), targets.reference, invert=True)[:, None]
+    noise = noise.with_gauge(np.where(alone, own, 0.0))
+    return Whitener(noise, modes, count, names, np.where(noise.valid, own, 0.0))
 
 
 def _gauge_modes(gauge: Array, reference: NDArray[np.int64], rests: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Shared modes (r, s, m) and single modes (k, s, m) of 1 sd, of gauge errors (s, m) mm a step.
+    """Shared modes (r, s, m) and those of single reference steps (k, s, m), 1 sd each, of gauge errors (s, m)
+    mm a step.
 
-    The mean error of a reference moves all other steps of its rest against it by the same; what single steps
-    of the reference are off from that mean, and every other step, is on its own. rests (s,): numbers.
+    The mean error of a reference moves all other steps of its rest against it by the same; beside it stands
+    what single steps of the reference are off from that mean. What any other step is off is on its own, and
+    noise. rests (s,): numbers.
     """
     inside = np.isin(np.arange(len(gauge)), reference)
     shared = []
@@ -336,11 +341,10 @@ def _gauge_modes(gauge: Array, reference: NDArray[np.int64], rests: NDArray[np.i
         moved = (~inside & (rests == rest))[:, None]
         mean = np.where(moved, -gauge[steps_of_rest].mean(axis=0) / np.sqrt(len(steps_of_rest)), 0.0)
         shared += [mean] if mean.any() else []
-    steps = np.flatnonzero((gauge != 0).any(axis=1))
+    steps = np.flatnonzero((gauge != 0).any(axis=1) & inside)
     single = np.zeros((len(steps), *gauge.shape))
     for row, step in enumerate(steps):
+        steps_of_rest = reference[rests[reference] == rests[step]]
         single[row, step] = gauge[step]
-        if inside[step]:
-            steps_of_rest = reference[rests[reference] == rests[step]]
-            single[row, steps_of_rest] -= gauge[step] / len(steps_of_rest)
+        single[row, steps_of_rest] -= gauge[step] / len(steps_of_rest)
     return np.array(shared).reshape(len(shared), *gauge.shape), single

@@ -72,7 +72,7 @@ def test_every_test_of_noise_alone_has_a_chi2_of_its_degrees_of_freedom(course: 
     assert all(set(tests) == {"all", "pressure", "picture", "smooth"} for tests in found)
     for tests in found:
         assert tests["pressure"].chi2 + tests["picture"].chi2 == pytest.approx(tests["all"].chi2)  # type: ignore[operator]
-    for name, count in (("all", 20 * 428), ("pressure", 20 * 40), ("picture", 20 * 388), ("smooth", 20 * 58)):
+    for name, count in (("all", 20 * 428), ("pressure", 20 * 41), ("picture", 20 * 387), ("smooth", 20 * 58)):
         chi2 = np.array([(t[name].chi2, t[name].degrees_of_freedom) for t in found], float).sum(axis=0)
         assert chi2[1] == pytest.approx(count)
         # three sds, and 4 % for a noise from 300 frames, of which the inverse is taken to be 3 % too large

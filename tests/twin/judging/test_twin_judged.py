@@ -100,6 +100,7 @@ def test_the_errors_are_those_at_the_fit_wherever_it_began(draw: Callable[..., T
         slope = found.model.per_pressure(found.theta) * t.pressure_sd[:, None, None]
         own = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=slope, points=~t.fixed)
         np.testing.assert_array_equal(found.whitener.modes, own.modes)
+        np.testing.assert_array_equal(found.whitener.gauge, own.gauge)
         np.testing.assert_array_equal(found.z, own.whiten(t.value - found.predicted))
         assert found.deviance == pytest.approx(found.z @ found.z + own.log_det, rel=1e-12)
         assert found.fit.converged

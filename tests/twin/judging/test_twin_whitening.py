@@ -101,7 +101,7 @@ def test_what_looks_like_another_pressure_lies_along_the_gauge(targets: Targets)
     assert set(count) == {6}  # steps with pressure
     assert np.mean(chi2) == pytest.approx(6, abs=5 * np.sqrt(12 / DRAWS))
     z = w.whiten(gauge * rng.standard_normal(8)[:, None, None])
-    assert w.along_gauge(z)[0] == pytest.approx(z @ z, rel=1e-9)
+    assert 0.99 * (z @ z) < w.along_gauge(z)[0] < z @ z  # the rest comes later, as what lasts of the noise
 
 
 def test_a_models_own_modes_are_shared_modes_too(targets: Targets) -> None:
@@ -215,7 +215,6 @@ def test_rms_is_without_shared_modes_but_with_gauge_noise(targets: Targets) -> N
     kicked = np.zeros_like(gauge)
     kicked[3] = 2 * gauge[3]  # the gauge erred by 2 sd in one step
     assert w.rms(kicked) == pytest.approx(np.sqrt((w.pick(kicked) ** 2).mean()), rel=0.1)
-    assert w.rms(kicked, gauge=True) < 0.05 * w.rms(kicked)
 
 
 def test_a_gauge_error_in_the_reference_moves_every_step(targets: Targets) -> None:
@@ -236,7 +235,8 @@ def test_the_gauges_errors_have_the_covariance_of_what_they_do_to_the_reference(
     reference = np.array([0, 2, 3])
     gauge[reference] = gauge[2]  # one pressure, as it is for a reference
     shared, single = _gauge_modes(gauge, reference, np.zeros(7, np.int64))
-    modes = np.concatenate([shared, single]).reshape(-1, gauge.size)
+    alone = np.array([np.eye(7)[k][:, None] * gauge for k in range(7) if k not in reference])  # noise of a step
+    modes = np.concatenate([shared, single, alone]).reshape(-1, gauge.size)
     moved = np.eye(7)[:, :, None] * gauge  # an error of 1 sd at each step
     moved = (moved - moved[:, reference].mean(axis=1, keepdims=True)).reshape(7, gauge.size)
     np.testing.assert_allclose(modes.T @ modes, moved.T @ moved, atol=1e-14)
@@ -282,8 +282,16 @@ def test_the_determinant_is_that_of_the_stated_covariance(targets: Targets) -> N
             # two components of equal rho, as here, are correlated by rho^|lag|
             dense[:, i, :, k] = w.static[i, k] * np.where(same, w.rho[i] ** lag, 0.0)
     dense = dense.reshape(s * m, s * m) + np.diag((w.sd**2 - np.diag(w.static)).ravel())
-    dense += w.modes.reshape(len(w.modes), -1).T @ w.modes.reshape(len(w.modes), -1)
+    kick = w.pick(gauge)  # of each step on its own
+    dense += (np.eye(s)[:, None, :, None] * kick[:, :, None, None] * kick[None, None]).reshape(s * m, s * m)
     seen = w.valid.ravel()
+    noise = dense[np.ix_(seen, seen)]
+    assert w.noise.trace == pytest.approx(np.trace(noise), rel=1e-12)
+    assert w.noise.trace_of_square == pytest.approx((noise**2).sum(), rel=1e-5)
+    field = np.where(w.valid, np.random.default_rng(2).standard_normal((s, m)), 0.0)
+    times = w.noise.covariance_times(field[None])[0]
+    np.testing.assert_allclose(times.ravel()[seen], noise @ field.ravel()[seen], rtol=1e-9)
+    dense += w.modes.reshape(len(w.modes), -1).T @ w.modes.reshape(len(w.modes), -1)
     known = dense[np.ix_(seen, seen)]
     assert w.log_det == pytest.approx(np.linalg.slogdet(known).logabsdet, abs=1e-8)
     r = np.where(some.valid, np.random.default_rng(3).standard_normal(some.value.shape), np.nan)
