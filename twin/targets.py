@@ -116,6 +116,7 @@ class Noise:
     codec_sd: Array  # (p,3) mm, more where the patch moves
     gauge_sd_MPa: float  # white noise of one sample of the pressure log; 0: none was seen
     gauge_frames: int  # samples of the log it was estimated from
+    coding_rho: float = 0.0  # correlation from step to step of what coding adds where a patch moves
     lasting: float = 1.0  # share of sd^2 that lasts from frame to frame; the rest is new in each
     basis: str = ""  # a sentence: what it rests on, where it is not a static film
     freedom: float = math.inf  # degrees of freedom of a factor of all sds that the film itself told

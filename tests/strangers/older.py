@@ -16,7 +16,7 @@ from tests.strangers.planted import Lines
 from twin.bench.fits import stale
 from twin.commands.camera import run_camera
 from twin.commands.measure import run_measure
-from twin.project import folder
+from twin.project import folder, record
 from twin.project.folder import Project, dataset
 from twin.report.filmprojection import _why_not
 
@@ -26,10 +26,11 @@ NEWER = {"pydantic": "9.9.1", "opencv-contrib-python-headless": "9.9.2", "numpy"
 
 @contextmanager
 def opened(place: Path) -> Iterator[Project]:
-    """A copy of the project below a folder, with newer libraries."""
+    """A copy of the project below a folder, with newer libraries and the figures' formats of then."""
     shutil.copytree(OLD, place / "old")
     shutil.copytree(dataset("quick") / "raw", place / "old" / "raw")
-    with mock.patch.object(folder, "versions", return_value={**folder.versions(), **NEWER}):
+    newer = {**folder.versions(), **NEWER}
+    with mock.patch.object(folder, "versions", return_value=newer), mock.patch.object(record, "FORMATS", {}):
         yield Project.open(place / "old")
 
 

@@ -34,6 +34,7 @@ from twin.inputs.recordings import (
     views_of,
 )
 from twin.inputs.synchronisation import joining_of
+from twin.judging.scatter import with_own_coding
 from twin.messages import Say
 from twin.project.folder import Project, Run
 from twin.project.record import SourceFilm, SourceRecord
@@ -165,16 +166,16 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     measured = _measure(project, camera, say, run)
     moved, nodes, readout_ms = measured.moved, project.config.nodes, camera_table(project).readout_ms
     late = read_late(moved, measured.film, readout_ms)
-    targets = make_targets(
-        moved, measured.log, join=measured.join, gauge=measured.gauge, nodes=nodes, late=late
+    targets, scattered = with_own_coding(
+        make_targets(moved, measured.log, join=measured.join, gauge=measured.gauge, nodes=nodes, late=late)
     )
     run.write_npz("tracks.npz", _tracks(moved))
     run.write_bytes("overlay.png", _overlay(project, moved))
     run.write_text("budget.csv", _budget_csv(moved, targets))
     _write_strain(run, moved, lens_of(project, camera_table(project)).size)
     run.summary.update(_summary(targets, measured, said_of_readout(targets, readout_ms)))
-    run.summary["coding"] = list(moved.coding)
-    for sentence in (*moved.notes, *moved.coding):
+    run.summary["coding"] = [*moved.coding, *filter(None, [scattered])]
+    for sentence in (*moved.notes, *run.summary["coding"]):
         run.note(sentence)
     _check_motion(project, targets)
     return targets

@@ -1,8 +1,8 @@
 """The noise of targets at rest -> a Kalman filter: values in mm become independent innovations of variance 1.
 
 The noise is the static film's, whose markers are correlated within a frame: an autoregression of first order
-in time, and a white rest; the white codec noise of patches that move; and the noise of the pressure gauge,
-one error a step, which moves all values of the step together.
+in time, and a white rest; the coding noise of patches that move, white or correlated from step to step; and
+the noise of the pressure gauge, one error a step, which moves all values of the step together.
 """
 
 from dataclasses import dataclass, field, replace
@@ -20,11 +20,12 @@ KEPT = 4  # noise filters: of a film, of its fixed markers, of what is held out
 class Steady:
     """The noise at rest of a film: static (m, m) mm2, the covariance within a step of its part that lasts;
     fresh (m, m) mm2, that of its part that is new in each frame; rho (m,), the lag-1 correlation of the
-    first."""
+    first; coding, that of what is added where patches move."""
 
     static: Array
     fresh: Array
     rho: Array
+    coding: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +58,34 @@ class NoiseFilter:
         steps, m = self.valid.shape
         turn, gain, P = np.zeros((steps, m, m)), np.zeros((steps, m, m)), self.steady[0].static
         for t, seen in enumerate(self.valid):
-            n = self.steady[self.block[t]]
-            decay = np.outer(n.rho, n.rho)
-            P = n.static if self.first[t] else decay * P + n.static * (1 - decay)
+            S = self._lasting(t)
+            P = S if self.first[t] else S + self._later(t, self._later(t, P - self._lasting(t - 1)).T)
             data = np.ix_(seen, seen)
             turn[t][data] = np.linalg.inv(np.linalg.cholesky((P + self._new(t))[data]))
             gain[t] = P @ turn[t].T
             P = P - gain[t] @ gain[t].T
         return turn, gain
+
+    def _lasting(self, t: int) -> Array:
+        """The covariance (m, m) mm2 of what lasts in a step."""
+        n = self.steady[self.block[t]]
+        return n.static + np.diag(self._added[t]) if n.coding else n.static
+
+    def _later(self, t: int, x: Array) -> Array:
+        """What is left (m, k) in a step of what lasted, x (m, k), in the step before."""
+        n = self.steady[self.block[t]]
+        return self._onward[t] @ x if n.coding else n.rho[:, None] * x
+
+    @cached_property
+    def _onward(self) -> Array:
+        """The matrices (s, m, m) by which what lasts goes on from the step before, zeros in first steps: as
+        the covariance of both steps tells, the sum of that at rest and that of coding."""
+        out = np.zeros((len(self.valid), *self.steady[0].static.shape))
+        for t in np.flatnonzero(~self.first).tolist():
+            n, added = self.steady[self.block[t]], np.sqrt(self._added[t] * self._added[t - 1])
+            both = n.rho[:, None] * n.static + n.coding * np.diag(added)
+            out[t] = np.linalg.solve(self._lasting(t - 1), both.T).T
+        return out
 
     @cached_property
     def log_det(self) -> float:
@@ -73,7 +94,7 @@ class NoiseFilter:
         return float(-2 * np.log(diagonal).sum())
 
     @cached_property
-    def _white(self) -> Array:
+    def _added(self) -> Array:
         """The variance (s, m) mm2 of each value beyond that of the noise at rest."""
         still = np.array([np.diag(n.static + n.fresh) for n in self.steady])[self.block]
         return np.where(self.valid, np.maximum(self.sd**2 - still, 0.0), 0.0)
@@ -84,57 +105,67 @@ class NoiseFilter:
         gauge = np.broadcast_to(self.gauge, self.sd.shape)[t]
         return self.steady[self.block[t]].fresh + np.outer(gauge, gauge) + np.diag(self._white[t])
 
+    @cached_property
+    def _white(self) -> Array:
+        """The part (s, m) mm2 of that which is new in each step."""
+        lasts = np.array([n.coding > 0 for n in self.steady])[self.block]
+        return np.where(lasts[:, None], 0.0, self._added)
+
     @property
     def trace(self) -> float:
         """The sum of the variances in mm2 of all values that are data."""
         still = np.array([np.diag(n.static + n.fresh) for n in self.steady])[self.block]
-        return float((self._white + still + np.square(self.gauge))[self.valid].sum())
+        return float((self._added + still + np.square(self.gauge))[self.valid].sum())
 
     @cached_property
     def trace_of_square(self) -> float:
         """The sum of the squares in mm4 of all entries of the covariance N of the values that are data."""
-        total = 0.0
-        for t, seen in enumerate(self.valid):
-            n = self.steady[self.block[t]]
-            total += float(((n.static + self._new(t))[np.ix_(seen, seen)] ** 2).sum())
-        for b, n in enumerate(self.steady):
-            seen = self.valid[self.block == b].astype(float)
-            power, lag = n.static**2, 1
-            while lag < len(seen) and float(n.rho.max(initial=0.0)) ** (2 * lag) > 1e-6:
-                decayed = power * (n.rho ** (2 * lag))[:, None]
-                total += 2 * float(((seen[lag:].T @ seen[:-lag]) * decayed).sum())
-                lag += 1
+        seen, total = self.valid.astype(float), 0.0
+        for t in range(len(seen)):
+            lasting = self._lasting(t)
+            same = lasting + self._new(t)
+            total += float((np.outer(seen[t], seen[t]) * same**2).sum())
+            far, least = t + 1, 1e-6 * float((lasting**2).sum())
+            while far < len(seen) and not self.first[far] and float((lasting**2).sum()) > least:
+                lasting = self._later(far, lasting)
+                total += 2 * float((np.outer(seen[far], seen[t]) * lasting**2).sum())
+                far += 1
         return total
 
     def covariance_times(self, y: Array) -> Array:
         """The covariance N of the noise applied to fields y (k, s, m) mm; 0 where no data.
 
-        x_t+n and x_t have the covariance rho^n static, which two passes over time sum up.
+        x_t+n and x_t have the covariance of what lasts of x_t, which two passes over time sum up.
         """
         fields = np.moveaxis(np.where(self.valid, y, 0.0), 0, 2)  # (s, m, k)
-        out = np.zeros_like(fields)
-        for b, n in enumerate(self.steady):
-            steps, rho = np.flatnonzero(self.block == b), n.rho[:, None]
-            before = np.zeros(fields.shape[1:])
-            after = np.zeros(fields.shape[1:])
-            for t in steps.tolist():
-                out[t] += before + (n.static + self._new(t)) @ fields[t]
-                before = rho * (before + n.static @ fields[t])
-            for t in steps[::-1].tolist():
-                out[t] += n.static @ after
-                after = rho * (after + fields[t])
-        return np.moveaxis(np.where(self.valid[:, :, None], out, 0.0), 2, 0)
+        out, carried = np.zeros_like(fields), np.zeros(fields.shape[1:])
+        for t, here in enumerate(fields):
+            carried = np.zeros_like(carried) if self.first[t] else self._later(t, carried)
+            now = self._lasting(t) @ here
+            out[t] = carried + now + self._new(t) @ here
+            carried = carried + now
+        return np.moveaxis(np.where(self.valid[:, :, None], out + self._from_later(fields), 0.0), 2, 0)
+
+    def _from_later(self, fields: Array) -> Array:
+        """What the values of later steps add (s, m, k) to the covariance times fields (s, m, k)."""
+        out, after = np.zeros_like(fields), np.zeros(fields.shape[1:])
+        for t in range(len(fields) - 2, -1, -1):
+            n = self.steady[self.block[t + 1]]
+            after = after + fields[t + 1]
+            back = self._onward[t + 1].T @ after if n.coding else n.rho[:, None] * after
+            after = np.zeros_like(after) if self.first[t + 1] else back
+            out[t] = self._lasting(t) @ after
+        return out
 
     def innovations(self, y: Array) -> Array:
         """Independent values (..., n) of fields y (..., s, m); 0 where no data."""
         fields = np.moveaxis(np.where(self.valid, y, 0.0).reshape(-1, *self.valid.shape), 0, 2)  # (s, m, k)
         out, x = np.zeros_like(fields), np.zeros(fields.shape[1:])
         for t, (turn, gain) in enumerate(zip(*self.gains, strict=True)):
-            if self.first[t]:
-                x = np.zeros_like(x)
+            x = np.zeros_like(x) if self.first[t] else self._later(t, x)
             x = np.where(np.abs(x) > 1e-100, x, 0.0)  # of long ago; its squares would underflow
             out[t] = turn @ (fields[t] - x)
-            x = self.steady[self.block[t]].rho[:, None] * (x + gain @ out[t])
+            x = x + gain @ out[t]
         return np.moveaxis(out, 2, 0).reshape(*y.shape[:-2], out.shape[0] * out.shape[1])
 
 
@@ -190,7 +221,8 @@ def _steady(noise: Noise, components: NDArray[np.int64]) -> tuple[Steady, Array]
     correlation = shrunk(noise.correlation[np.ix_(flat, flat)], frames, i)
     within = inflation * correlation * np.outer(sd, sd)
     rho = np.clip(np.nan_to_num(noise.rho[p, i]), 0.0, 0.99)
-    return Steady(noise.lasting * within, (1 - noise.lasting) * within, rho), (inflation - 1) * sd**2
+    still = Steady(noise.lasting * within, (1 - noise.lasting) * within, rho, noise.coding_rho)
+    return still, (inflation - 1) * sd**2
 
 
 def shrunk(correlation: Array, frames: int, axis: NDArray[np.int64]) -> Array:

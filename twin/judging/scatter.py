@@ -25,6 +25,10 @@ OFTEN = 0.8  # of the steps in which a component is seen that counts
 LEAST = 60  # degrees of freedom: fewer tell an sd worse than to a tenth
 MOST_RHO = 0.9  # what lasts longer may be a motion that no course above follows
 SMOOTHED = 0.25  # of a stated sd below which values are no measured ones, or smoothed: it is kept
+LAGS = (1, 2, 4, 8)  # steps of the second differences that tell a coding error's size and memory
+FAR = 4.0  # times a usual step's power: beyond it is a motion
+MOST_FAR = 0.2  # share of the steps beyond which no second difference is trusted
+CLEAR = 3.0  # sds by which a factor or a correlation must differ to be used
 EVEN = 1.5  # largest ratio of the mean power of a step to that of a usual one: more is no noise but a motion
 UNLIKELY = 0.003  # chance of so different a noise below which what is stated is wrong
 
@@ -136,6 +140,101 @@ def _scaled(t: Targets, found: Scatter | None, stated: Noise, steps: NDArray[np.
 
 def _with_noise(t: Targets, old: Noise, new: Noise) -> Targets:
     return replace(t, noise=new, noises=tuple(new if n is old else n for n in t.noises))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CodingScatter:
+    """What a film shows of its coding errors' independent part: its variance over the stated one, its
+    correlation rho from step to step, and the degrees of freedom of the first."""
+
+    factor: float
+    rho: float
+    freedom: float
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is another than the stated one by more than its own error."""
+        sd = np.sqrt(2 / self.freedom * (1 + self.rho) / (1 - self.rho))
+        return bool(abs(np.log(self.factor)) > CLEAR * sd or self.rho > CLEAR / np.sqrt(self.freedom))
+
+
+def with_own_coding(targets: Targets) -> tuple[Targets, str]:
+    """The targets of a film with the independent coding errors that it shows itself, where these are clearly
+    others than stated, and a sentence on them."""
+    found = coding_scatter(targets)
+    if found is None or not found.clear or targets.noise is None:
+        return targets, ""
+    finger, still = ~targets.fixed[:, None], targets.noise.sd**2
+    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)
+    new = np.where(finger & (variance > still), still + found.factor * (variance - still), variance)
+    ratio = np.sqrt(np.divide(new, variance, out=np.ones_like(new), where=variance > 0))
+    noise = replace(
+        targets.noise, coding_rho=found.rho, freedom=found.freedom,
+        codec_sd=np.where(finger, np.sqrt(found.factor), 1.0) * targets.noise.codec_sd,
+    )  # fmt: skip
+    return replace(
+        targets, noise=noise, covariance=targets.covariance * ratio[..., None] * ratio[..., None, :]
+    ), (
+        f"Compression errors scatter {np.sqrt(found.factor):.2g} times as much from step to step as the film "
+        f"coded again says{correlated(found.rho)}: that is used."
+    )
+
+
+def coding_scatter(targets: Targets) -> CodingScatter | None:
+    """The coding errors' independent part by second differences over LAGS, off the directions in which the
+    points move with the pressure (Gasser, Sroka & Jennen-Steinmetz 1986, doi 10.1093/biomet/73.3.625); None
+    where the film tells too little of it.
+
+    Differences know no slow errors: those are the shared ones, which are stated apart.
+    """
+    data, noise = targets.used, targets.noise
+    often = np.argwhere(data.mean(axis=0) >= OFTEN * data.any(axis=(1, 2)).mean())
+    p, i = often.T
+    steps = np.flatnonzero(data[:, p, i].all(axis=1))
+    if noise is None or len(often) < 3 or len(steps) < SLOW:
+        return None
+    still = float((noise.sd[p, i] ** 2).sum())
+    variance = np.diagonal(targets.covariance, axis1=2, axis2=3)[steps][:, p, i]
+    added = np.maximum(variance.sum(axis=1) - still, 0.0)
+    left = _beside_pressure(targets, steps, targets.value[steps][:, p, i])
+    time, share, squares, freedom = targets.time[steps], 1 - 2 / len(often), [], 0.0
+    period = float(np.median(np.diff(time)))
+    for lag in LAGS:
+        here = np.arange(lag, len(steps) - lag)
+        apart = np.stack([time[here] - time[here - lag], time[here + lag] - time[here]]) / (lag * period)
+        here = here[(np.abs(apart - 1) < 0.01).all(axis=0)]
+        decay = float(np.nanmean(noise.rho[p, i])) ** lag
+        rest = still * share * (6 - noise.lasting * (8 * decay - 2 * decay**2))
+        stated = share * (added[here - lag] + 4 * added[here] + added[here + lag])
+        here, stated = here[stated > rest], stated[stated > rest]
+        power = ((left[here - lag] - 2 * left[here] + left[here + lag]) ** 2).sum(axis=1) - rest
+        near = power < FAR * np.median(power / stated) * stated if len(here) else np.zeros(0, bool)
+        if len(near) < SLOW or near.mean() < 1 - MOST_FAR:
+            return None
+        squares.append(max(float(power[near].sum() / stated[near].sum()), 1e-4))
+        # Neighbouring second differences of white noise are correlated by -2/3 and 1/6.
+        freedom = freedom or int(near.sum()) * (len(often) - 2) / (1 + 2 * (4 / 9 + 1 / 36))
+    rho = np.linspace(0.0, 0.9, 91)
+    told = np.log([(3 - 4 * rho**lag + rho ** (2 * lag)) / 3 for lag in LAGS])
+    size = np.log(squares)[:, None] - told
+    best = int(size.var(axis=0).argmin())
+    if freedom < LEAST:
+        return None
+    return CodingScatter(factor=float(np.exp(size[:, best].mean())), rho=float(rho[best]), freedom=freedom)
+
+
+def _beside_pressure(targets: Targets, steps: NDArray[np.int64], value: Array) -> Array:
+    """Values (s, m) mm of some steps less smooth courses, off their slope by the pressure and its change."""
+    smooth, slopes = (x[steps] for x in smooth_courses(targets))
+    fit = np.linalg.lstsq(smooth[:, : slopes.shape[1]], value, rcond=None)[0]
+    left, slope = value - smooth[:, : slopes.shape[1]] @ fit, slopes @ fit
+    x = targets.pressure[steps] / max(float(np.abs(targets.pressure).max()), 1e-12)
+    powers = np.arange(POWERS + 1)
+    bend = (powers * (powers - 1) * x[:, None] ** np.maximum(powers - 2, 0)) @ fit[: POWERS + 1]
+    for k, both in enumerate(zip(slope, bend, strict=True)):
+        along = np.linalg.qr(np.stack(both, axis=1))[0]
+        left[k] -= along @ (along.T @ left[k])
+    return np.asarray(left, float)
 
 
 def smooth_courses(targets: Targets) -> tuple[Array, Array]:

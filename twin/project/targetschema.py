@@ -151,6 +151,9 @@ class NoiseTable(TableModel):
     )
     points: tuple[NoiseOfPoint, ...] = Field(default=(), description="one for each point of targets.csv")
     basis: str = Field(default="", description="what it rests on, where that is no static film")
+    coding_rho: float = Field(
+        default=0.0, ge=0, lt=1, description="correlation from step to step of what coding adds"
+    )
     freedom: Positive | None = Field(
         default=None, description="degrees of freedom of a factor of all sds that the film itself told"
     )
@@ -242,7 +245,8 @@ def _noise_table(n: Noise, names: tuple[str, ...]) -> NoiseTable:
     return NoiseTable(
         frames=n.frames, lasting=float(n.lasting), gauge_sd_MPa=float(n.gauge_sd_MPa),
         gauge_frames=n.gauge_frames, points=points,
-        **_stated({"basis": n.basis, "freedom": None if np.isinf(n.freedom) else n.freedom}),
+        **_stated({"basis": n.basis, "freedom": None if np.isinf(n.freedom) else n.freedom,
+                   "coding_rho": n.coding_rho or None}),
     )  # fmt: skip
 
 
@@ -424,5 +428,5 @@ def _film_noise(path: Path, table: NoiseTable, names: tuple[str, ...], correlati
     return Noise(
         sd=sd, rho=rho, codec_sd=codec, correlation=correlation, frames=table.frames,
         gauge_sd_MPa=table.gauge_sd_MPa or 0.0, gauge_frames=table.gauge_frames, lasting=table.lasting,
-        basis=table.basis, freedom=table.freedom or np.inf,
+        basis=table.basis, freedom=table.freedom or np.inf, coding_rho=table.coding_rho,
     )  # fmt: skip

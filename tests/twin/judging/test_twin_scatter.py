@@ -11,7 +11,8 @@ import pytest
 from tests.twin.diagnosis.toy import POINTS, SD, STEPS, Toy, pressure, targets, toy_effect
 from twin.diagnosis.procedure import diagnose
 from twin.judging.lawerrors import memory
-from twin.judging.scatter import own_scatter, with_own_noise
+from twin.judging.scatter import own_scatter, with_own_coding, with_own_noise
+from twin.judging.whitening import whitener
 from twin.project.targetfiles import read_targets, write_targets
 from twin.targets import Array, Targets
 
@@ -95,6 +96,43 @@ def test_what_the_film_told_stays_in_its_files(tmp_path: Path) -> None:
     assert t.noise is not None
     assert (again.noise.freedom, again.noise.basis) == (t.noise.freedom, t.noise.basis)
     np.testing.assert_array_equal(again.noise.sd, t.noise.sd)
+
+
+def coded(seed: int, *, rho: float, stated: float) -> Targets:
+    """A film whose coding errors have an sd of 0.01 mm and a memory, and are stated as white, of an sd in mm."""
+    t = film(seed, rho=rho)
+    assert t.noise is not None
+    noise = replace(t.noise, sd=np.where(np.isfinite(t.noise.sd), 0.0005, np.nan), frames=320)
+    return replace(t, noise=noise, covariance=t.covariance * (stated / SD) ** 2)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.4])
+def test_coding_errors_that_are_stated_twice_are_counted_once(rho: float) -> None:
+    before, after, lags = [], [], []
+    for seed in range(6):
+        t = coded(seed, rho=rho, stated=2 * SD)
+        found, sentence = with_own_coding(t)
+        assert sentence.startswith("Compression errors scatter 0.")
+        before.append(_chi2(t))
+        after.append(_chi2(found))
+        assert found.noise is not None
+        lags.append(found.noise.coding_rho)
+        assert found.noise.freedom < 500
+    assert np.mean(before) == pytest.approx(0.25, abs=0.05)
+    assert np.mean(after) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(lags) == pytest.approx(rho, abs=0.15)
+
+
+def _chi2(t: Targets) -> float:
+    """The chi2 per value of a right model."""
+    w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=0 * BASE[0], points=~t.fixed)
+    z = w.whiten(t.value - 1.3 * BASE[0] + 1.3 * BASE[0][t.reference].mean(axis=0))
+    return float(z @ z / w.count)
+
+
+def test_a_film_with_honest_coding_errors_keeps_them() -> None:
+    kept = [with_own_coding(t)[0] is t for t in (coded(seed, rho=0.0, stated=SD) for seed in range(12))]
+    assert sum(kept) >= 11
 
 
 def test_correlated_noise_of_the_short_finger_is_told_and_names_nothing() -> None:

@@ -318,3 +318,31 @@ def test_a_bounded_amplitude_is_the_best_within_its_bound(targets: Targets) -> N
         other[: w.shared] = np.clip(other[: w.shared], -3.0, 3.0)
         assert size(other) > size(held)
     np.testing.assert_array_equal(w.amplitudes(residual, bound=20.0), free)
+
+
+def test_coding_errors_that_are_correlated_from_step_to_step_become_white(targets: Targets) -> None:
+    """Each value has a coding error of its own size, x_t = d_t e_t with the memory 0.5 of e."""
+    assert targets.noise is not None
+    rng, size = np.random.default_rng(7), np.linspace(0.01, 0.05, 8 * 3 * 3).reshape(8, 3, 3)
+    noise = replace(targets.noise, sd=1e-6 * targets.noise.sd, coding_rho=0.5)
+    t = replace(targets, modes=targets.modes[:0], mode_names=(), noise=noise, covariance=size[..., None] ** 2 * np.eye(3))
+    w = whitener(t, prediction_modes=np.zeros((0, *size.shape)), gauge=0 * size)
+    e = rng.standard_normal((DRAWS, *size.shape))
+    for k in (1, 2, 3, 5, 6, 7):  # two blocks of four steps
+        e[:, k] = 0.5 * e[:, k - 1] + np.sqrt(0.75) * e[:, k]
+    assert_white(w.whiten(size * e))
+
+
+@pytest.mark.parametrize("coding", [0.0, 0.4])
+def test_the_covariance_of_the_noise_is_what_the_filter_whitens(targets: Targets, coding: float) -> None:
+    assert targets.noise is not None
+    more = targets.covariance * np.linspace(1.0, 3.0, 8)[:, None, None, None]
+    t = replace(targets, covariance=more, noise=replace(targets.noise, coding_rho=coding, lasting=0.7))
+    t.valid[3, 1, 0] = False
+    noise = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=0 * t.value).noise
+    unit = np.eye(noise.valid.size).reshape(-1, *noise.valid.shape)[noise.valid.ravel()]
+    N = noise.covariance_times(unit).reshape(len(unit), -1)[:, noise.valid.ravel()]
+    F = noise.innovations(unit)[:, noise.valid.ravel()]
+    np.testing.assert_allclose(F.T @ N @ F, np.eye(len(unit)), atol=1e-9)
+    assert noise.trace == pytest.approx(np.trace(N))
+    assert noise.trace_of_square == pytest.approx((N**2).sum())
