@@ -128,18 +128,19 @@ def fit_file(project: Project) -> Path:
 
 def held_fit(project: Project, effects: Sequence[str]) -> FitRecord | None:
     """The newest fit with these effects that holds for targets, mesh and settings of now; None without."""
-    for path in _having(project, kinds_writing(FIT), FIT):
-        fit = files.read(FitRecord, path)
-        same = "effects" in fit.model_fields_set and fit.effects == tuple(effects)
-        if same and holds(project, path.parent):
-            return fit
-    return None
+    fits = _fits_with(project, effects)
+    return next((fit for path, fit in fits if holds(project, path.parent)), None)
 
 
 def former_fit(project: Project, effects: Sequence[str]) -> FitRecord | None:
     """The newest fit with these effects, whether or not it still holds; None where there is none."""
-    every = (files.read(FitRecord, path) for path in _having(project, kinds_writing(FIT), FIT))
-    return next((fit for fit in every if fit.effects == tuple(effects)), None)
+    return next((fit for _, fit in _fits_with(project, effects)), None)
+
+
+def _fits_with(project: Project, effects: Sequence[str]) -> Iterator[tuple[Path, FitRecord]]:
+    """The fits with these effects and their files, newest first."""
+    every = ((path, files.read(FitRecord, path)) for path in _having(project, kinds_writing(FIT), FIT))
+    return ((p, f) for p, f in every if "effects" in f.model_fields_set and f.effects == tuple(effects))
 
 
 def named_effects(project: Project) -> list[str]:

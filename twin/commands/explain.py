@@ -9,7 +9,7 @@ from typer import Argument
 from twin import files
 from twin.bench.effectlaws import laws_of
 from twin.bench.engines import check_embedded
-from twin.bench.fits import newest, newest_fit
+from twin.bench.fits import held_fit, newest, newest_fit
 from twin.bench.priors import check_least_squares
 from twin.bench.workbench import Workbench
 from twin.calibrated.effectstarts import begun, begun_from
@@ -57,7 +57,7 @@ def run_explain(
         run.write(explanation.record)
         run.write_npz("evidence.npz", explanation.maps)
         record = explanation.record
-        change = f"{record.rms_before_mm:.4f} -> {record.rms_after_mm:.4f}"
+        change = f"{record.raw_rms_before_mm:.3f} -> {record.raw_rms_after_mm:.3f}"
         run.summary["headline"] = f"{record.effect}: {change} mm rms"
     for line in (*table(record), "", f"{in_words(record.parameters)}."):
         say(line)
@@ -68,8 +68,11 @@ def run_explain(
 
 
 def _without(bench: Workbench, now: Judged, labels: Sequence[str], say: Say) -> Judged:
-    """The model without some of its effects, fitted from where it is now."""
-    model = bench.model([e for e in bench.project.config.model.effects if e not in labels])
+    """The model without some of its effects, as it was fitted before, else from where it is now."""
+    effects = [e for e in bench.project.config.model.effects if e not in labels]
+    model, former = bench.model(effects), held_fit(bench.project, effects)
+    if former:
+        return bench.judged_fit(model, former.fit, say)
     return bench.judged(model, model.theta(now.values), say)
 
 

@@ -106,8 +106,9 @@ def inexact(judged: Judged, targets: Targets) -> Judged:
     fit is taken over all levels above 0 of its laws' errors, each by its probability.
 
     With the weights w, the covariance C and the step d to the optimum of each level (Laplace's approximation
-    of the marginal likelihood), it is sum w (C + d d'). Where priors, tests of the silicone, heavy tails or
-    bounds say more than the derivatives of the film, it stays as it is.
+    of the marginal likelihood), it is sum w (C + d d' + (eps diag a)^2): a law that errs by eps in shape
+    defines its amplitudes a no better, which no data tell. Where priors, tests of the silicone, heavy tails
+    or bounds say more than the derivatives of the film, it stays as it is.
     """
     if not erring(judged.model) or not targets.bare or judged.at_bound:
         return judged
@@ -116,8 +117,11 @@ def inexact(judged: Judged, targets: Targets) -> Judged:
     C = np.array([np.linalg.pinv(row.fitted.T @ row.fitted, rcond=1e-12, hermitian=True) for row in rows])
     fall = np.linalg.slogdet(C)[1] - np.array([row.deviance for row in rows])
     w = np.array(WEIGHTS[1:]) * np.exp(np.maximum(fall - fall.max(), -700.0) / 2)
-    d = np.array([row.step for row in rows])
-    covariance = np.einsum("l,lij->ij", w / w.sum(), C + d[:, :, None] * d[:, None, :])
+    d, eps = np.array([row.step for row in rows]), np.array([row.law for row in rows])
+    amplitudes = {p.name: p.null or 0.0 for e in erring(judged.model) for p in e.amplitudes}
+    a = np.array([x - amplitudes.get(name, x) for name, x in judged.values.items()])
+    own = np.diag(a**2) * eps[:, None, None] ** 2
+    covariance = np.einsum("l,lij->ij", w / w.sum(), C + d[:, :, None] * d[:, None, :] + own)
     return replace(judged, fit=replace(judged.fit, covariance=covariance))
 
 
