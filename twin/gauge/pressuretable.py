@@ -34,7 +34,8 @@ class PressureTable(TableModel):
     )
     join: Literal["stamps", "flash", "onset"] = Field(
         default="stamps",
-        description="synchronise film and log by film_start_s, a lamp, or the first motion",
+        description="synchronise film and log by film_start_s, a lamp, or the finger's motion; left out: "
+        "stamps, and onset where no film_start_s is stated",
     )
     flash_region: tuple[int, int, int, int] | None = Field(
         default=None, description="where the lamp is in the film, [x, y, width, height] in px"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from twin import files
 from twin.gauge.agreement import check_agrees, other_rate
+from twin.gauge.onset import whole_film
 from twin.gauge.pressurelog import Log
 from twin.gauge.synchrony import Motion
 from twin.inputs.cameras import dictionary_name, lens_of
@@ -148,7 +149,8 @@ def _rests(look: _Look, seen: "Glimpses", still: "Glimpses", log: Log) -> tuple[
             _places(look, seen)[rest][:, coded], seen.time[rest], names, film=film, static=False
         )
     except ValueError as moving:
-        course = _course(look, seen, np.arange(len(seen.time)) < AT_FIRST)
+        stamps, first = _join(look) == "stamps", np.arange(len(seen.time)) < AT_FIRST
+        course = _course(look, seen, first) if stamps else None
         if course is not None and (rate := other_rate(course, log, look.table.film_start_s)):
             raise ValueError(rate.sentence if rate.sure else f"{moving}. {rate.sentence}") from None
         raise
@@ -252,10 +254,26 @@ def _why_not(look: _Look, row: int, several: Array) -> str:
 
 
 def _motion(look: _Look, seen: "Glimpses", log: Log) -> tuple[str, ...]:
-    """Sentences on how the finger's motion in the frames goes with the log; ValueError where it contradicts
-    it."""
+    """Sentences on how the finger's motion in the frames goes with the log, and when the film starts where
+    the motion is to tell; ValueError where it contradicts the log, or fits it at two times."""
     motion = _course(look, seen, seen.rest)
-    return () if motion is None else check_agrees(motion, log, look.table.film_start_s, stated=True)
+    if motion is None:
+        return ()
+    if _join(look) == "stamps":
+        return check_agrees(motion, log, look.table.film_start_s, stated=True)
+    apart = float(np.median(np.diff(motion.time[np.isfinite(motion.mm)])))
+    start = whole_film(motion, log)
+    return (
+        f"By frames {apart:.2g} s apart, the finger moves as {log.path.name} tells where the film starts at "
+        f"{start:.1f} s of it.",
+        *check_agrees(motion, log, start, stated=False),
+    )
+
+
+def _join(look: _Look) -> str:
+    """How film and log are synchronised; "" without a log."""
+    pressure = look.project.config.pressure
+    return pressure.join if pressure else ""
 
 
 def _course(look: _Look, seen: "Glimpses", rest: NDArray[np.bool_]) -> Motion | None:
@@ -263,8 +281,8 @@ def _course(look: _Look, seen: "Glimpses", rest: NDArray[np.bool_]) -> Motion | 
     such marks, or where film and log have no common clock yet."""
     from vision.following.markrotations import mean_seen
 
-    pressure, place = look.project.config.pressure, _places(look, seen)[:, _coded(look)]
-    if pressure is None or pressure.join != "stamps" or not place.shape[1]:
+    place = _places(look, seen)[:, _coded(look)]
+    if _join(look) not in ("stamps", "onset") or not place.shape[1]:
         return None
     squares = ((place - mean_seen(place[rest])) ** 2).sum(axis=2)
     complete = np.isfinite(squares).all(axis=1)

@@ -99,7 +99,9 @@ class CameraTable(TableModel):
         description="whether all its films and pictures are mirrored",
     )
     film_start_s: Finite = Field(
-        default=0.0, description="time of the film's first frame on the clock of the pressure log, s"
+        default=0.0,
+        description="time of the film's first frame on the clock of the pressure log, s; left out: the "
+        "finger's motion tells it",
     )
     static_start_s: StaticStart = None
     readout_ms: Positive | None = Field(
@@ -137,7 +139,8 @@ class FilmTable(TableModel):
         description="its own pressure log; left out: that of [pressure]",
     )
     film_start_s: Finite = Field(
-        default=0.0, description="time of its first frame on the clock of its log, s"
+        default=0.0,
+        description="time of its first frame on the clock of its log, s; left out: the motion tells it",
     )
     static_start_s: StaticStart = None
     gravity: Direction | None = Field(

@@ -483,6 +483,16 @@ def with_first_film(data: dict[str, Any]) -> dict[str, Any]:
     return {**data, "cameras": [{**cameras[0], **present}]}
 
 
+def with_join(data: dict[str, Any]) -> dict[str, Any]:
+    """The tables of twin.toml with a log that is joined by the motion, where no film says when it starts."""
+    pressure = data.get("pressure")
+    tables = [t for key in ("cameras", "films") for t in data.get(key) or () if isinstance(t, dict)]
+    stated = not tables or any(CLOCK[0] in table for table in tables)
+    if stated or not isinstance(pressure, dict) or "join" in pressure:
+        return data
+    return {**data, "pressure": {**pressure, "join": "onset"}}
+
+
 def check_films(c: Config) -> None:
     """Raise ValueError where [[films]] do not go together."""
     for key in ("name", "file"):

@@ -11,14 +11,14 @@ from pydantic.fields import FieldInfo
 
 from twin import files
 from twin.bodies.kinds import BODIES
-from twin.project.config import FORMER, Config, with_first_film
+from twin.project.config import FORMER, Config, with_first_film, with_join
 from twin.tablemodel import keys_of
 from twin.validation import checked, table_of, tables_of, value_text
 
 
 def parse(data: bytes, *, name: str) -> Config:
     """The configuration in a file's bytes; ValueError is one sentence that begins with its name."""
-    return checked(Config, with_first_film(_without_former(tables_of(data, name=name))), name=name)
+    return checked(Config, with_join(with_first_film(_without_former(tables_of(data, name=name)))), name=name)
 
 
 def former_keys(data: bytes) -> list[str]:

@@ -220,6 +220,19 @@ def test_a_line_of_corrections_that_is_not_right_is_named(line: str, sentence: s
         corrections_of(project, project.config.cameras[0])
 
 
+def test_check_tells_when_a_film_starts_that_nobody_noted(studio_project: Path, tmp_path: Path) -> None:
+    root, said = Path(shutil.copytree(studio_project, tmp_path / "noted")), planted.Lines()
+    lines = (root / "twin.toml").read_text().splitlines()
+    unstated = [line for line in lines if not line.startswith(("film_start_s", "join"))]
+    (root / "twin.toml").write_text("\n".join(unstated))
+    project = Project.open(root)
+    assert len(unstated) == len(lines) - 2 and project.config.pressure.join == "onset"
+    run_check(project, said)
+    told = next(line for line in said if "the finger moves as pressure.csv tells" in line)
+    start = float(re.search(r"starts at ([0-9.]+) s", told)[1])
+    assert abs(start - studio.FILM_START) < 0.15, told
+
+
 @pytest.mark.slow
 def test_a_frame_rate_for_a_video_file_is_told(studio_project: Path, tmp_path: Path) -> None:
     told = planted.told("fps", planting.camera_with(fps=20.0), base=studio_project, folder=tmp_path, stages=("check",))

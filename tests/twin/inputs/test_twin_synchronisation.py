@@ -10,7 +10,7 @@ import pytest
 from tests.messages import saying
 from twin.commands.init import film_config
 from twin.commands.measure import _even
-from twin.gauge.onset import ByOnset, onset_join
+from twin.gauge.onset import ByOnset, onset_join, whole_film
 from twin.gauge.pressurelog import Log, read_log
 from twin.gauge.pressuretable import PressureTable
 from twin.gauge.synchrony import Join, Motion
@@ -88,6 +88,20 @@ def test_two_rises_in_the_log_are_not_guessed_at():
     time, moved = motion(log, 5.0, seed=1)
     with pytest.raises(ValueError, match=r"fits pressure.csv at \d+\.\d+ s and at \d+\.\d+ s; cut the log"):
         onset_join(Motion(time[: int(6 * FPS)], moved[: int(6 * FPS)], 0.01), log)
+
+
+def test_a_film_of_two_rises_fits_the_log_once():
+    at = (6.0, 13.0)  # s of the log; the film holds both rises, and the second of them fits the first, too
+    for seed in range(8):
+        log, clean = make_log(rises=at, seed=seed), make_log(rises=at, noise=0.0)
+        start = 3.0 + np.random.default_rng([seed, 3]).random()
+        time = np.arange(0, 16 * FPS) / FPS
+        p = np.interp(time + start, clean.time, clean.pressure)
+        crept = 0.02 * np.cumsum(p) / FPS  # a tenth of the motion
+        moved = 400 * (p + crept) + 12000 * p**2 + 0.01 * np.random.default_rng([seed, 7]).normal(size=len(time))
+        join = onset_join(Motion(time, moved, 0.01), log)
+        assert abs(join.start_s - start) < max(4 * join.sd_s, 0.01)
+        assert whole_film(Motion(time[::8], moved[::8], 0.01), log) == pytest.approx(start, abs=0.5)
 
 
 def test_no_motion_and_a_short_log_are_refused():
