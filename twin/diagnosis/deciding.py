@@ -16,7 +16,7 @@ from twin.diagnosis.explanation import EvidenceRecord
 from twin.diagnosis.grades import Grade
 from twin.diagnosis.hypotheses import Hypothesis, Refit, ranked
 from twin.diagnosis.lawresidual import LawResidual
-from twin.diagnosis.shortlist import DETECTED
+from twin.diagnosis.shortlist import DETECTED, SHARE
 from twin.diagnosis.sizes import Detectable
 from twin.effects.labels import AND
 from twin.effects.mechanism import Mechanism
@@ -27,8 +27,7 @@ from twin.judging.frame import FrameTest
 from twin.judging.judged import Judged
 
 TIE = 6.0  # 2 ln B: below it neither of two models is preferred (Kass & Raftery 1995, doi 10.2307/2291091)
-SECOND = 25.0  # by which several together must be ahead of every single one,
-SHARE = 0.15  # and by this share of its evidence where they do not fit without law errors
+SECOND = 25.0  # by which several together must be ahead of every single one
 POWER = 0.9  # with which a size must be found to be named
 
 

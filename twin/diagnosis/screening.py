@@ -18,8 +18,9 @@ from twin.diagnosis.evidence import Gram, log_bayes
 from twin.diagnosis.hypotheses import Hypothesis
 from twin.diagnosis.signatures import Signature, Signatures, null
 from twin.effects.protocol import Effect, Theta
+from twin.judging.comparison import ADEQUATE, lack_of_fit, smooth_functions
 from twin.judging.judged import Judged
-from twin.targets import Array
+from twin.targets import Array, Targets
 
 TRIED = 12  # pairs whose start is worked out: those with most evidence
 
@@ -133,6 +134,17 @@ def added(judged: Judged, effects: tuple[Effect, ...], signatures: Signatures) -
         if h.effect.name not in [e.name for e in effects]
     ]
     return sorted(out, key=lambda h: -h.hint)
+
+
+def fits(judged: Judged, targets: Targets, signatures: Iterable[Signature]) -> bool:
+    """Whether a judged model with any of these beside it fits to first order, without law errors."""
+    w, smooth = judged.whitener, smooth_functions(targets, judged.whitener)
+    for r in signatures:
+        amplitudes, _ = r.gram(judged.z).attained(r.low, r.high)
+        left, fitted = judged.z - r.columns @ amplitudes, np.column_stack([judged.fitted, r.columns])
+        if lack_of_fit(targets, w, left, fitted, smooth) > ADEQUATE:
+            return True
+    return False
 
 
 # -- where a refit begins ------------------------------------------------------------------------------------

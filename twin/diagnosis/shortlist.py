@@ -14,7 +14,7 @@ import numpy as np
 from calibrate import Fit
 from twin.diagnosis.hypotheses import Hypothesis, ranked
 from twin.diagnosis.refitting import near_with_effects, refitted
-from twin.diagnosis.screening import added, paired, screened
+from twin.diagnosis.screening import added, fits, paired, screened
 from twin.diagnosis.signatures import Signatures, signatures_of
 from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.effects.requirements import lacking
@@ -28,6 +28,7 @@ DETECTED = 0.01  # after multiplicity
 REACH = 12.0  # of 2 ln B: so far behind the best refit a hypothesis may be to first order and is refitted,
 BENT = 0.1  # and by this share of the best one's evidence more: so wrong the first order may be
 PAIRED = 10.0  # by which several together must beat the best single to first order to be refitted
+SHARE = 0.15  # and by this share of its evidence where they do not fit without law errors
 LATE = "takes whole solves to try, and is tried where nothing else fits"
 MOST = 12  # effects and stand-ins that are refitted, each in its laws; of several together a third of it
 
@@ -150,9 +151,21 @@ class Task:
         if refits.view is not None and not single.kind:
             signatures = self.signatures(base, self._narrow(), beside=refits.view)
             for h in added(refits.view, single.effects, signatures):
-                pair = replace(h, hint=h.hint + single.evidence)
-                pairs[frozenset(h.names)] = pair  # begun from a refit it is nearer
+                pairs[frozenset(h.names)] = replace(h, hint=h.hint + single.evidence)  # from a refit, nearer
+            few = [frozenset(h.names) for h in pairs.values() if self._in_vain(h, single, refits, signatures)]
+            pairs = {names: h for names, h in pairs.items() if names not in few}
         return [h for h in pairs.values() if h.hint > single.evidence + PAIRED]
+
+    def _in_vain(self, h: Hypothesis, single: Hypothesis, refits: "Refits", signatures: Signatures) -> bool:
+        """Whether an effect beside the best single one would not be named: it leads by less than SHARE and
+        leaves more than noise."""
+        assert single.evidence is not None
+        assert refits.view is not None
+        ahead = h.hint - single.evidence
+        if single.label not in {e.label for e in h.effects} or not PAIRED < ahead < SHARE * single.evidence:
+            return False
+        rows = [r for r in signatures[h.effects[-1].label] if not r.note]
+        return not fits(refits.view, self.targets, rows)
 
     def _partners(self, base: Judged, refits: "Refits") -> list[Hypothesis]:
         """Each member of the best pair with every other effect, begun from its own refit: a partner is not
@@ -272,8 +285,7 @@ class Refits:
         )  # fmt: skip
         self.done.append(refit)
         self.tried.add(h.label)
-        top = self.best.evidence if self.best else None
-        if judged is not None and (top is None or (refit.evidence or -np.inf) > top):
+        if judged is not None and (self.best is None or _better(refit, self.best)):
             self.best, self.view = refit, judged
         return refit
 
@@ -288,6 +300,13 @@ class Refits:
             (best,) = screened(self.base, signatures_of(self.base, [finer]))
             h = replace(h, start=best.start, gain=best.gain) if best.gain > h.gain else h
         return replace(h, effects=(h.effect.at(h.start, test),))
+
+
+def _better(a: Hypothesis, b: Hypothesis) -> bool:
+    """Whether a refit is better than another: by evidence; of two laws of one physics the one that fits."""
+    if a.physics == b.physics and a.adequate != b.adequate:
+        return a.adequate
+    return (a.evidence or -np.inf) > (b.evidence or -np.inf)
 
 
 def _left_nothing(h: Hypothesis) -> bool:
