@@ -10,7 +10,7 @@ import pytest
 from tests.twin.diagnosis.toy import Toy, smooth_field, targets, toy_effect
 from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
 from twin.diagnosis.refitting import refitted
-from twin.diagnosis.shortlist import Refits, Task
+from twin.diagnosis.shortlist import Refits, Task, _better
 from twin.targets import Array
 
 BASE, FIELDS = smooth_field(1), {name: smooth_field(10 + k) for k, name in enumerate(("alpha", "beta", "gamma"))}
@@ -109,3 +109,27 @@ def test_a_refit_whose_steps_are_too_long_tries_shorter_ones() -> None:
     found, _ = refitted(far, base, t, seed=0)
     assert found.refit is not None
     assert abs(found.refit.values[name] + np.log(0.4) / 8) < 0.02
+
+
+def pairs_refitted(truth: Array, gamma: Array) -> list[str]:
+    rows = searched(FIELDS["alpha"][0] + truth, fields={"gamma": gamma})
+    return [h.label for h in rows if h.refit is not None and len(h.effects) == 2]
+
+
+def test_a_pair_that_would_not_be_named_is_not_refitted() -> None:
+    """A second effect takes up a part of what is left, leads by less than SHARE of the evidence and leaves the
+    rest; one that takes up all of it is refitted."""
+    other = smooth_field(77)
+    half = other + 1.2 * smooth_field(78)
+    assert pairs_refitted(0.1 * other[0], half) == []
+    assert "alpha + gamma" in pairs_refitted(0.1 * other[0], other)
+
+
+def test_of_two_laws_of_one_effect_the_one_that_fits_leads_on() -> None:
+    def law(p_value: float, evidence: float) -> Hypothesis:
+        score = Score(evidence=evidence, delta_bic=evidence, size=18.0, law=0.0, p_value=p_value)
+        return Hypothesis(effects=EFFECTS[:1], refit=cast("Refit", SimpleNamespace(at_bound=(), values={})), score=score)
+
+    fits, misses = law(0.1, 300.0), law(1e-9, 320.0)
+    assert _better(fits, misses) and not _better(misses, fits)
+    assert _better(law(0.1, 310.0), fits)
