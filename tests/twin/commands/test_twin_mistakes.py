@@ -226,7 +226,8 @@ def test_check_tells_when_a_film_starts_that_nobody_noted(studio_project: Path, 
     unstated = [line for line in lines if not line.startswith(("film_start_s", "join"))]
     (root / "twin.toml").write_text("\n".join(unstated))
     project = Project.open(root)
-    assert len(unstated) == len(lines) - 2 and project.config.pressure.join == "onset"
+    assert len(unstated) == len(lines) - 2
+    assert project.config.pressure.join == "onset"
     run_check(project, said)
     told = next(line for line in said if "the finger moves as pressure.csv tells" in line)
     start = float(re.search(r"starts at ([0-9.]+) s", told)[1])

@@ -131,5 +131,6 @@ def test_of_two_laws_of_one_effect_the_one_that_fits_leads_on() -> None:
         return Hypothesis(effects=EFFECTS[:1], refit=cast("Refit", SimpleNamespace(at_bound=(), values={})), score=score)
 
     fits, misses = law(0.1, 300.0), law(1e-9, 320.0)
-    assert _better(fits, misses) and not _better(misses, fits)
+    assert _better(fits, misses)
+    assert not _better(misses, fits)
     assert _better(law(0.1, 310.0), fits)
