@@ -46,12 +46,13 @@ class Clamp:
 class Layer:
     """An elastic sheet bonded to a surface: stiffness (thickness x modulus, N/mm), one or a tuple for parts
     of equal length along x, and Poisson's ratio. wound: fibres around the x axis, stiff along themselves
-    alone."""
+    alone; angle: in degrees, of two equal families of them, right and left, off the circumference."""
 
     surface: str
     stiffness: float | tuple[float, ...]
     poisson: float = 0.3
     wound: bool = False
+    angle: float = 0.0
 
     def per_face(self, case: "Case") -> Array:
         """Stiffness (f,) N/mm of each face, by the part that contains the face's middle."""

@@ -11,6 +11,7 @@ import numpy as np
 from fe.case import Case, Layer
 from fe.element import Array, Integers, scatter
 
+LEAST = 1e-6  # sine of the angle between a surface's normal and x, below which nothing winds around it
 _AB = ((0, 0), (1, 1), (0, 1))  # components of a symmetric surface tensor; the last one counts twice
 
 
@@ -24,7 +25,7 @@ class LayerFaces:
         self._metric = A @ np.swapaxes(A, 2, 3)  # (f, q, 2, 2)
         self._area = np.sqrt(np.linalg.det(self._metric)) * element.face_weights
         dual = np.asarray(np.linalg.inv(self._metric), float)
-        D = _wound(A, dual) if layer.wound else _plane_stress(dual, layer.poisson)
+        D = _wound(A, dual, np.radians(layer.angle)) if layer.wound else _plane_stress(dual, layer.poisson)
         self._D = layer.per_face(case)[:, None, None, None] * D
         self.dofs = (self.faces[:, :, None] * 3 + np.arange(3)).reshape(len(self.faces), -1)
 
@@ -75,12 +76,22 @@ def _plane_stress(g: Array, poisson: float) -> Array:
     return D / (1 - poisson**2)
 
 
-def _wound(A: Array, g: Array) -> Array:
+def _wound(A: Array, g: Array, angle: float) -> Array:
     """D (f, q, 3, 3) of fibres of stiffness 1 around the x axis, S = t t (t E t) with their unit tangent t,
-    by vectors A (f, q, 2, 3) along the surface's coordinates and its contravariant metric g (f, q, 2, 2)."""
+    half of them turned by an angle in rad to either side, by vectors A (f, q, 2, 3) along the surface's
+    coordinates and its contravariant metric g (f, q, 2, 2). None where the surface faces along x."""
     normal = np.cross(A[..., 0, :], A[..., 1, :])
-    t = np.cross(normal, [1.0, 0.0, 0.0])
-    t /= np.linalg.norm(t, axis=-1, keepdims=True)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    around = np.cross(normal, [1.0, 0.0, 0.0])
+    length = np.linalg.norm(around, axis=-1, keepdims=True)
+    around = np.where(length > LEAST, around / np.maximum(length, LEAST), 0.0)
+    along = np.cross(around, normal)
+    families = [np.cos(angle) * around + side * np.sin(angle) * along for side in (-1.0, 1.0)]
+    return np.asarray(sum(_along(A, g, t) for t in families) / 2, float)
+
+
+def _along(A: Array, g: Array, t: Array) -> Array:
+    """D (f, q, 3, 3) of fibres of stiffness 1 along unit tangents t (f, q, 3)."""
     components = np.einsum("fqab,fqbi,fqi->fqa", g, A, t)
     both = np.stack([components[..., a] * components[..., b] for a, b in _AB], axis=-1)
     return np.asarray(both[..., :, None] * both[..., None, :], float)

@@ -10,7 +10,7 @@ from twin.effects.material import Compressibility, Creep, Mullins, Stiffening, T
 from twin.effects.measurement import CameraRotation, CameraScale, CameraTilt, TimeShift
 from twin.effects.protocol import Effect
 from twin.effects.shape import Ballooning, EccentricCore, Precurvature, SidewaysCore, WallTaper
-from twin.effects.supports import ElasticClamp, StrainLimitingLayer, TableContact
+from twin.effects.supports import ElasticClamp, HoopReinforcement, StrainLimitingLayer, TableContact
 from twin.laws.law import RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 
@@ -24,8 +24,8 @@ def all_effects(law: RubberLaw = MOONEY_RIVLIN) -> tuple[Effect, ...]:
     every: tuple[Effect, ...] = (
         Creep(), PressureLag(), Stiffening(), ElasticClamp(), PressureGain(), PressureOffset(), Gravity(),
         CameraScale(), WallTaper(), EccentricCore(), SidewaysCore(), Ballooning(), Precurvature(),
-        StrainLimitingLayer(), Mullins(), Compressibility(), Thermal(), TableContact(), Tube(), TimeShift(),
-        CameraRotation(), CameraTilt(), MarkerSlip(),
+        StrainLimitingLayer(), HoopReinforcement(), Mullins(), Compressibility(), Thermal(), TableContact(),
+        Tube(), TimeShift(), CameraRotation(), CameraTilt(), MarkerSlip(),
     )  # fmt: skip
     return tuple(e.beside(law) for e in every)
 

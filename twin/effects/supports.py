@@ -10,8 +10,9 @@ from fe import Case
 from fe.case import Contact, Layer
 from fe.element import Integers
 from fe.mesh.refine import free_faces
+from fe.mesh.skin import outer_skin
 from fe.obstacles import Flat
-from twin.effects.families import Parts
+from twin.effects.families import COUNT, Parts, Wide
 from twin.effects.mechanism import Mechanism
 from twin.effects.phrases import number
 from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable
@@ -119,6 +120,78 @@ class StrainLimitingLayer(Effect):
 
     def wide(self) -> Effect:
         return Parts(self)
+
+
+class HoopReinforcement(Family):
+    """Fibres or a sleeve wound around the body: stiff around it, not along it, without stiffness to bending.
+    They lie on the surface `hoop_reinforcement` of a deck or `around` of a tube, else on the outer skin. With
+    two terms two families of them, at one angle to either side of the circumference."""
+
+    name, order = "hoop_reinforcement", Order.MATERIAL
+    mechanism = Mechanism.BODY
+    sentence = "fibres or a sleeve around the body keep it from widening"
+    added: ClassVar[Theta] = {"hoop_reinforcement.angle": 10.0}
+
+    def law(self, terms: int) -> tuple[Parameter, ...]:
+        # a skin of 0.1 mm of 1 MPa has 0.1 N/mm, a thread of polyester every 2 mm some 100 (judgement)
+        return (
+            Parameter(STIFFNESS, 0.0, 200.0, "N/mm", null=0.0, typical=0.05, plausible=(0.0, 5.0)),
+            Parameter("hoop_reinforcement.angle", 0.0, 60.0, "degrees", typical=5.0),
+        )[:terms]
+
+    def tried(self, terms: int) -> tuple[Theta, ...]:
+        return ({**self.added},) if terms == 2 else ()
+
+    def lacks(self, case: Case) -> str:
+        return "" if len(_wound_on(case)) else "no outer skin around x"
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        angle = theta.get("hoop_reinforcement.angle", 0.0)
+        return _with_fibres(test, self.name, theta[STIFFNESS], angle)
+
+    def told(self, values: Theta) -> str:
+        angle = values.get("hoop_reinforcement.angle", 0.0)
+        turned = f" at {number(angle)} degrees" if angle else ""
+        much = number(values[STIFFNESS])
+        return f"fibres or a sleeve of {much} N/mm around the body{turned} keep it from widening"
+
+    def wide(self) -> Effect:
+        return HoopParts()
+
+
+STIFFNESS = "hoop_reinforcement.stiffness"
+
+
+class HoopParts(Wide, of=HoopReinforcement):
+    """Fibres of another stiffness in each third of the length, from the clamp."""
+
+    parameters = tuple(
+        Parameter(f"{STIFFNESS}{k}", 0.0, 200.0, "N/mm", null=0.0, typical=0.05, plausible=(0.0, 5.0))
+        for k in range(1, COUNT + 1)
+    )
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        return _with_fibres(test, self.name, tuple(theta[p.name] for p in self.parameters), 0.0)
+
+    def amounts(self, theta: Theta) -> dict[str, float]:
+        return {p.name: theta.get(STIFFNESS, 0.0) for p in self.parameters}
+
+
+def _with_fibres(test: Test, name: str, stiffness: float | tuple[float, ...], angle: float) -> Test:
+    """The test with one more layer of fibres; the same where there is nothing to wind them on."""
+    case = test.case
+    faces = _wound_on(case)
+    if not len(faces):
+        return test
+    fibres = Layer(name, stiffness, wound=True, angle=angle)
+    changed = replace(case, surfaces={**case.surfaces, name: faces}, layers=(*case.layers, fibres))
+    return replace(test, case=changed)
+
+
+def _wound_on(case: Case) -> Integers:
+    """The faces (f, 2) that fibres lie on."""
+    named = [case.surfaces[name] for name in ("hoop_reinforcement", "around") if name in case.surfaces]
+    return named[0] if named else outer_skin(case)
 
 
 def flat_bottom(case: Case) -> Integers:

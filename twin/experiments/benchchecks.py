@@ -147,6 +147,7 @@ CHECKS: tuple[tuple[str, Mapping[str, str]], ...] = (
             "eccentric_core_y": "left and right differ",
             "ballooning": "they are thin at one place",
             "strain_limiting_layer": "there is a layer in the bottom",
+            "hoop_reinforcement": "fibres or a sleeve lie around it",
         },
     ),
 )

@@ -313,6 +313,7 @@ KINDS = {
         _same("ballooning", "depth", "mm", (0.2, 0.4, 0.8), "static",
               others={"ballooning.place": 0.5, "ballooning.width": 5.0}),
         _same("strain_limiting_layer", "stiffness", "N/mm", (0.6, 3.0), "static"),
+        _same("hoop_reinforcement", "stiffness", "N/mm", (0.6, 3.0), "static"),
         _same("compressibility", "excess", "1/MPa", (0.04, 0.08, 0.4), "static"),
         _same("gravity", "density", "tonne/mm3", _one(1e-9), "static"),
         _same("pressure_gain", "gain", "", _two(0.12), "path"),

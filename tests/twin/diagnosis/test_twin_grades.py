@@ -18,7 +18,7 @@ from twin.judging.heldout import forecasts
 from twin.judging.judged import judge
 from twin.targets import Array
 
-BODY = {"wall_taper", "eccentric_core", "eccentric_core_y", "ballooning", "precurvature", "strain_limiting_layer"}
+BODY = {"wall_taper", "eccentric_core", "eccentric_core_y", "ballooning", "precurvature", "strain_limiting_layer", "hoop_reinforcement"}
 CLASSES = {
     Mechanism.HISTORY: {"creep", "mullins", "thermal"},
     Mechanism.LAW: {"stiffening", "compressibility"},

@@ -76,6 +76,13 @@ TOLD = {
     "strain_limiting_layer": (
         {"stiffness": 0.52}, "a sheet in the bottom (fabric, paper, glue) of 0.52 N/mm keeps it from stretching",
     ),
+    "hoop_reinforcement": (
+        {"stiffness": 1.6}, "fibres or a sleeve of 1.6 N/mm around the body keep it from widening",
+    ),
+    "hoop_reinforcement:2": (
+        {"stiffness": 1.6, "angle": 12.0},
+        "fibres or a sleeve of 1.6 N/mm around the body at 12 degrees keep it from widening",
+    ),
     "mullins": (
         {"softening": 0.15, "m": 2e-3},
         "the silicone is up to 15 % softer below the largest load it has carried (Mullins)",
