@@ -164,7 +164,8 @@ class Task:
         ahead = h.hint - single.evidence
         if single.label not in {e.label for e in h.effects} or not PAIRED < ahead < SHARE * single.evidence:
             return False
-        rows = [r for r in signatures[h.effects[-1].label] if not r.note]
+        beside = h.effects[-1].name  # its label may say at which entry of its grid
+        rows = [r for each in signatures.values() for r in each if r.effect.name == beside and not r.note]
         return not fits(refits.view, self.targets, rows)
 
     def _partners(self, base: Judged, refits: "Refits") -> list[Hypothesis]:

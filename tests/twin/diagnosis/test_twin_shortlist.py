@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from tests.twin.diagnosis.toy import Toy, smooth_field, targets, toy_effect
+from tests.twin.diagnosis.toy import Toy, _wide, smooth_field, targets, toy_effect
 from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
 from twin.diagnosis.refitting import refitted
 from twin.diagnosis.shortlist import Refits, Task, _better
@@ -123,6 +123,10 @@ def test_a_pair_that_would_not_be_named_is_not_refitted() -> None:
     half = other + 1.2 * smooth_field(78)
     assert pairs_refitted(0.1 * other[0], half) == []
     assert "alpha + gamma" in pairs_refitted(0.1 * other[0], other)
+    gamma, held = type(EFFECTS[2]), _wide("gamma", 1)  # fitted under a label that says where it shows most
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gamma, "at", lambda self, entry, test: held if self.label == "gamma" else self, raising=False)
+        assert pairs_refitted(0.1 * other[0], half) == []
 
 
 def test_of_two_laws_of_one_effect_the_one_that_fits_leads_on() -> None:
