@@ -51,7 +51,7 @@ class Score:
     evidence: 2 ln B (Laplace); delta_bic: the BIC gain; size: the root of the fall of deviance without law
     errors, in sds. law: the size of the laws' errors that the data ask for, as a share of what the effects
     add; p_value: of the lack of fit there, p_exact without law errors. held_out: of several effects the fall
-    of chi2 that each brings in parts that are left out.
+    of chi2 that each brings in parts that are left out. near: whether the response gave them, near a solve.
     """
 
     evidence: float
@@ -61,6 +61,7 @@ class Score:
     p_value: float
     p_exact: float = 0.0
     held_out: Mapping[str, float] = field(default_factory=dict)
+    near: bool = False
 
     @property
     def much(self) -> float:

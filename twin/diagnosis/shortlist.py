@@ -13,7 +13,7 @@ import numpy as np
 
 from calibrate import Fit
 from twin.diagnosis.hypotheses import Hypothesis, ranked
-from twin.diagnosis.refitting import near_with_effects, refitted
+from twin.diagnosis.refitting import DOUBT, near_with_effects, refitted
 from twin.diagnosis.screening import added, fits, paired, screened
 from twin.diagnosis.signatures import Signatures, signatures_of
 from twin.effects.protocol import Effect, Test, Unsolvable
@@ -118,6 +118,7 @@ class Task:
             refits.run(self._several(base, refits), most=MOST // 3)
             refits.run(self._partners(base, refits), most=MOST // 3)
             refits.run(self._third(base, refits), most=1)
+        refits.tell_apart()
         return [*refits.done, *(h for h in rows if h.label not in refits.tried), *self.silent]
 
     def _screened(self, base: Judged, effects: Sequence[Effect]) -> list[Hypothesis]:
@@ -290,6 +291,14 @@ class Refits:
             self.best, self.view = refit, judged
         return refit
 
+    def tell_apart(self) -> None:
+        """Refit by whole solves what the response cannot tell from the best of another physics."""
+        for h in rivals(self.done):
+            found, _ = refitted(
+                h, self.base, self.task.targets, seed=self.task.seed, tangents=self.task.known, exact=True
+            )
+            self.done[self.done.index(h)] = found
+
     def _held(self, h: Hypothesis) -> Hypothesis:
         """The hypothesis for a refit: what cannot be fitted, such as a marker and a time, is held where it
         shows most."""
@@ -313,6 +322,16 @@ def _better(a: Hypothesis, b: Hypothesis) -> bool:
 def _left_nothing(h: Hypothesis) -> bool:
     """True if a refit leaves nothing to a law's errors."""
     return h.adequate and h.score is not None and not h.score.law
+
+
+def rivals(rows: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Refits by the response within REACH and their DOUBT of the best one, where one of them is of another
+    physics than that."""
+    scored = [h for h in ranked(list(rows)) if h.evidence is not None]
+    top = max((h.evidence or 0.0 for h in scored), default=0.0)
+    close = [h for h in scored if (h.evidence or 0.0) > top - REACH - DOUBT * abs(top)]
+    alone = all(h.physics == close[0].physics for h in close)
+    return [] if alone else [h for h in close if h.score is not None and h.score.near]
 
 
 def on_a_basis(effect: Effect, test: Test) -> bool:

@@ -43,6 +43,10 @@ class NearModel(Model):
         """The response, with all that was solved."""
         return self._known[-1]
 
+    def is_solved(self, theta: Array) -> bool:
+        """True if it answers at theta (d,) by a whole solve."""
+        return any(np.array_equal(s.theta, theta) for s in self.response.solves)
+
     def error_mm(self, theta: Array) -> float:
         """The error in mm of the response at theta (d,), 1 sd, rms over what moves; infinite before a whole
         solve of its own."""

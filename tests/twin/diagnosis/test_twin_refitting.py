@@ -61,6 +61,10 @@ def test_a_refit_by_the_response_is_that_by_whole_solves(
 
     (whole, many), (near, few) = refit(0.0), refit(0.25)
     assert few < many
+    assert near.score is not None
+    assert near.score.near
+    assert whole.score is not None
+    assert not whole.score.near
     assert whole.fit is not None
     assert near.fit is not None
     assert np.all(np.abs(near.fit.theta - whole.fit.theta) < 0.1 * whole.fit.sd)

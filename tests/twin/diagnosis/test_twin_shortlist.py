@@ -2,15 +2,16 @@
 
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from tests.twin.diagnosis.toy import Toy, _wide, smooth_field, targets, toy_effect
+from twin.diagnosis import shortlist
 from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
 from twin.diagnosis.refitting import refitted
-from twin.diagnosis.shortlist import Refits, Task, _better
+from twin.diagnosis.shortlist import Refits, Task, _better, rivals
 from twin.targets import Array
 
 BASE, FIELDS = smooth_field(1), {name: smooth_field(10 + k) for k, name in enumerate(("alpha", "beta", "gamma"))}
@@ -138,3 +139,29 @@ def test_of_two_laws_of_one_effect_the_one_that_fits_leads_on() -> None:
     assert _better(fits, misses)
     assert not _better(misses, fits)
     assert _better(law(0.1, 310.0), fits)
+
+
+def scored(name: str, evidence: float, *, near: bool = True) -> Hypothesis:
+    score = Score(evidence=evidence, delta_bic=evidence, size=9.0, law=0.0, p_value=0.5, near=near)
+    return Hypothesis(effects=(toy_effect(name),), score=score)
+
+
+def test_what_the_response_cannot_tell_from_another_physics_is_refitted_by_whole_solves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    best, other, far = scored("alpha", 4000.0), scored("beta", 3970.0), scored("gamma", 3900.0)
+    assert rivals([far, other, best]) == [best, other]
+    assert rivals([best, scored("beta", 3970.0, near=False)]) == [best]
+    assert rivals([best, scored("alpha", 3970.0), far]) == []  # of one physics
+    assert rivals([]) == []
+    exact: list[str] = []
+
+    def counted(h: Hypothesis, *rest: Any, **how: Any) -> Any:
+        exact.extend([h.label] * how.get("exact", False))
+        return refitted(h, *rest, **how)
+
+    monkeypatch.setattr(shortlist, "refitted", counted)
+    monkeypatch.setattr(shortlist, "rivals", lambda rows: rows[:1])
+    rows = searched(0.3 * FIELDS["alpha"][0])
+    assert exact == ["alpha"]
+    assert [h.label for h in rows if h.refit is not None] == ["alpha"]
