@@ -50,16 +50,23 @@ def run_init(
     deck: Annotated[Path | None, Option(help="your own mesh: Abaqus (mm, N, MPa), Gmsh or VTK")] = None,
     pressure_set: Annotated[str, Option(help="of such a mesh: the group of faces under pressure")] = "",
     clamp_set: Annotated[str, Option(help="of such a mesh: the group of faces that is held")] = "",
-    axes: Annotated[str, Option(help="of such a mesh: which are x, y, z: --axes=-x,z,y")] = "",
+    axes: Annotated[str, Option(help="of such a mesh or recordings: which are x, y, z: --axes=-x,z,y")] = "",
     unit: Annotated[str, Option(help="of such a mesh: its unit of length, such as m; else mm")] = "",
     like: Annotated[Path | None, Option(
         help="project of a former batch on the same rig: its twin.toml is copied")] = None,
+    pressure_from: Annotated[str, Option(help="name: --targets is a folder, a file a pressure")] = "",
+    hold_out: Annotated[Sequence[str], Option(help="of these: part of a name that no fit may see")] = (),
     density_kg_m3: float | None = None,
 ) -> dict[str, Any]:
     """A folder with a complete twin.toml; targets and deck are checked and copied.
 
     Another program's file becomes targets by `twin measure`. density_kg_m3: of a silicone that was weighed.
     """
+    if pressure_from or hold_out:
+        return _init_of_takes(
+            folder, say, targets, pressure_from, nodes=nodes, hold_out=hold_out, axes=axes, sd_mm=sd_mm,
+            deck=deck, body=body, finger=finger, density_kg_m3=density_kg_m3,
+        )  # fmt: skip
     of_mesh = {"pressure_set": pressure_set, "clamp_set": clamp_set, "axes": axes, "unit": unit}
     if deck is not None and deck.suffix.lower() in MESHES:
         return _init_of_mesh(
@@ -142,6 +149,53 @@ def _init_of_mesh(
         deck_file.write_text(text, encoding="utf-8")
         done = run_init(folder, say, deck=deck_file, **stated)
     say(f"raw/{deck_file.name} is the deck made of {mesh.name}: state other materials and loads there.")
+    return done
+
+
+def _init_of_takes(
+    folder: Path, say: Say, targets: Path | None, pressure_from: str, *, nodes: Sequence[str],
+    hold_out: Sequence[str], axes: str, sd_mm: float | None, deck: Path | None, body: str,
+    finger: Sequence[str], density_kg_m3: float | None,
+) -> dict[str, Any]:  # fmt: skip
+    """Result of `run_init` with the targets of a folder of recordings, one a pressure."""
+    from twin.bodies.finger import BuiltIn
+    from twin.formats.takes import takes_targets
+    from twin.model.structure import body_case, skin
+    from twin.project.targetfiles import write_targets
+
+    if pressure_from != "name":
+        raise ValueError(
+            f"--pressure-from {pressure_from or '(nothing)'}: wanted name; --hold-out goes with it alone"
+        )
+    if targets is None or not targets.is_dir():
+        raise ValueError(f"--targets {targets}: wanted a folder of recordings, a file a pressure")
+    if sd_mm is None:
+        raise ValueError("--pressure-from name without --sd-mm: wanted the sd of one position, mm")
+    points = [_point(node) for node in nodes]
+    if not points or any(point.position_mm is None for point in points):
+        raise ValueError("--pressure-from name: wanted --node NAME=X,Y,Z in mm for the markers on the body")
+    if deck is not None:
+        case = _own_mesh(deck, {}, ask=False).case
+        outside = skin(case)
+    else:
+        shape = body_table(body, finger)[1]
+        own = shape.body if shape else BuiltIn()
+        case = body_case(own, own.lattice)
+        outside = case.face_nodes("outside")
+    places = {plain(point.name): np.array(point.position_mm) for point in points}
+    found, feet, remarks = takes_targets(
+        targets, places, case=case, outside=outside, sd_mm=sd_mm, axes=axes, held_out=hold_out
+    )
+    with tempfile.TemporaryDirectory() as scratch:
+        write_targets(Path(scratch) / "targets", found)
+        done = run_init(
+            folder, say, targets=Path(scratch) / "targets", deck=deck, body=body, finger=finger,
+            nodes=[f"{name}={','.join(map(repr, map(float, x)))}" for name, x in feet.items()],
+            density_kg_m3=density_kg_m3,
+        )  # fmt: skip
+    shutil.copytree(targets, folder / "raw" / "recordings")
+    for sentence in remarks:
+        say(sentence)
     return done
 
 

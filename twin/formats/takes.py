@@ -1,0 +1,252 @@
+"""A folder of recordings, each a step to a pressure that its name states -> targets, a block a recording.
+
+Of such a step the top alone is known: how the pressure rises, and how the body rings after it, is not. So
+the first row and the mean of the hold are taken, and what still moves in the hold becomes an error of its
+own that its values share. Markers that stay are the base: its rigid motion is taken off. Markers off the
+surface must move with each other rigidly, as on an end cap; then their feet on the surface are what is
+compared.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from fe import Case
+from fe.element import Integers
+from fe.mesh.mirror import symmetry_support
+from fe.mesh.points import nearest_on_faces
+from twin.formats.catalogue import format_of, read_recorded
+from twin.formats.importtable import ImportTable
+from twin.formats.recorded import PIXEL, Recorded
+from twin.formats.supplied import mm_per_unit, turned
+from twin.gauge.pressureunits import in_MPa
+from twin.judging.stillnoise import stated_noise
+from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
+
+PRESSURE = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)[ _-]?(mbar|hPa|kPa|MPa|bar|psi|Pa)(?![A-Za-z])")
+HOLD = 1 / 3  # of a recording, at its end, is taken for the hold
+STILL = 0.05  # of the largest motion: a marker that moves less is on the base
+BASE = 3  # markers, at least, whose rigid motion is taken off
+OFF_MM = 3.0  # from the surface, beyond which a marker is a ball or on a stalk
+SAME_MM = 1.0  # two feet nearer to each other are one
+EXCHANGED_MM = 5.0  # by how much places at rest must agree better with names exchanged
+TOGETHER = 5.0  # times the sd, by which distances of markers on a rigid cap may change
+
+
+@dataclass(frozen=True)
+class Take:
+    """A recording: its file, the pressure in MPa, and the places (p, 3) mm in axes of the model at rest, in
+    the hold, and by how much they still move in it."""
+
+    file: str
+    pressure: float
+    rest: Array
+    hold: Array
+    drift: Array
+
+
+def pressure_in(name: str) -> float:
+    """The pressure in MPa that the name of a file states. ValueError where it states none, or several.
+
+    >>> round(pressure_in("arm - run 2_250mbar (V3).csv"), 6), pressure_in("beam 20 kPa.c3d")
+    (0.025, 0.02)
+    """
+    found = PRESSURE.findall(Path(name).stem)
+    if len(found) != 1:
+        raise ValueError(
+            f"--pressure-from name: {name} states {'no pressure' if not found else 'several pressures'}; "
+            "wanted one with its unit, such as 250mbar or 40 kPa; rename the file"
+        )
+    value, unit = found[0]
+    return float(in_MPa(np.array([float(value)]), unit, line=None)[0])
+
+
+def takes_of(folder: Path, axes: str) -> tuple[tuple[str, ...], list[Take]]:
+    """The names (p,) of the markers of a folder's recordings, and the recordings by their pressures.
+
+    axes: the file's axes that are the model's x, y, z, as in [import]. ValueError where they have other
+    markers, or two of them have exchanged their names.
+    """
+    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".csv", ".c3d"))
+    if not files:
+        raise ValueError(f"{folder}: no recording; wanted .csv or .c3d files with a pressure in each name")
+    every = [(f.name, read_recorded(f, format_of(f))) for f in files]
+    names = every[0][1].names
+    for file, recorded in every:
+        if set(recorded.names) != set(names):
+            odd = sorted(set(recorded.names) ^ set(names))
+            raise ValueError(
+                f"{file}: other markers than {every[0][0]}: {', '.join(odd)}; wanted the same in all"
+            )
+    takes = sorted((_take(f, r, names, axes) for f, r in every), key=lambda take: take.pressure)
+    for take in takes[1:]:
+        _check_names(take, takes[0], names)
+    return names, takes
+
+
+def _take(file: str, recorded: Recorded, names: tuple[str, ...], axes: str) -> Take:
+    if recorded.unit == PIXEL:
+        raise ValueError(f"{file}: in pixels; wanted positions in a unit of length")
+    table = ImportTable(file=file, format="csv", sd_mm=1.0)
+    order = [recorded.names.index(name) for name in names]
+    place = turned(recorded.position * mm_per_unit(recorded, table), axes or recorded.axes or "x,y,z")
+    place = place[:, order]
+    held = place[-max(1, round(HOLD * len(place))) :]
+    half = len(held) // 2
+    drift = np.nanmean(held[half:], axis=0) - np.nanmean(held[: half or 1], axis=0)
+    return Take(file, pressure_in(file), place[0], np.nanmean(held, axis=0), drift)
+
+
+def _check_names(take: Take, first: Take, names: tuple[str, ...]) -> None:
+    """Raise ValueError where markers at rest lie where others lay in the first recording."""
+    away = np.linalg.norm(take.rest[:, None] - first.rest[None], axis=2)
+    rows, columns = linear_sum_assignment(away)
+    if away[rows, rows].sum() - away[rows, columns].sum() < EXCHANGED_MM:
+        return
+    a = int(np.flatnonzero(rows != columns)[0])
+    raise ValueError(
+        f"{take.file}: marker {names[a]} lies at rest where {names[columns[a]]} lies in {first.file}: their "
+        "names are exchanged; correct the file"
+    )
+
+
+def rigid(a: Array, b: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and shift (3,) that bring points a (k, 3) nearest to b (Kabsch 1976, doi
+    10.1107/S0567739476001873)."""
+    U, _, Vt = np.linalg.svd((a - a.mean(axis=0)).T @ (b - b.mean(axis=0)))
+    turn = Vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))]) @ U.T
+    return np.asarray(turn, float), b.mean(axis=0) - turn @ a.mean(axis=0)
+
+
+def takes_targets(
+    folder: Path, places: Mapping[str, Array], *, case: Case, outside: Integers, sd_mm: float,
+    axes: str = "", held_out: Sequence[str] = (),
+) -> tuple[Targets, dict[str, Array], list[str]]:  # fmt: skip
+    """Targets of a folder of recordings, the feet (3,) mm of the markers on the body, and remarks.
+
+    places: of the markers on the body (3,) mm, by name. case, outside (f, m): the body and its outer faces.
+    held_out: parts of the names of recordings that no fit may see.
+    """
+    names, takes = takes_of(folder, axes)
+    if unknown := sorted(set(places) - set(names)):
+        raise ValueError(f"--node {unknown[0]}: not in the files, which have {', '.join(names)}; correct it")
+    if lost := [part for part in held_out if not any(part in take.file for take in takes)]:
+        files = ", ".join(take.file for take in takes)
+        raise ValueError(f"--hold-out {lost[0]}: in no file's name; wanted a part of one of {files}")
+    base, remarks = _base(names, takes, places)
+    moved, sd = _without_base(takes, base)
+    rows = [names.index(name) for name in places]
+    stated = np.array([places[name] for name in places])
+    feet = np.array([nearest_on_faces(case.element, case.nodes[outside], _half(x, case)) for x in stated])
+    off = np.linalg.norm(np.array([_half(x, case) for x in stated]) - feet, axis=1) > OFF_MM
+    value = moved[:, rows]
+    if off.any():
+        value = _at_feet(value, stated, _back(feet, stated, case), sd_mm)
+        remarks.append(
+            f"{', '.join(np.array(list(places))[off])} lie off the surface. The markers keep their "
+            "distances, so they turn with it rigidly; compared are their feet on the surface."
+        )
+    flip = (stated[:, 1] < 0) & (feet[:, 1] >= 0) & (np.abs(stated[:, 1]) > 1e-6)
+    value[:, flip, 1] *= -1.0
+    if flip.any():
+        remarks.append("Half of the body is meshed: markers at y < 0 stand at their mirror images.")
+    apart = np.linalg.norm(feet[:, None] - feet[None], axis=2) > SAME_MM
+    once = np.array([apart[k, :k].all() for k in range(len(feet))])
+    if not once.all():
+        left = ", ".join(np.array(list(places))[~once])
+        remarks.append(f"{left}: left out, as the mirror image of another marker stands for it.")
+    remarks.append(
+        "Of each step the top pressure alone is known. Its rest and the mean of its last third are taken; "
+        "what still moves there is an error that a recording shares."
+    )
+    drift = np.array([take.drift for take in takes])[:, rows][:, once] / 2
+    held = [any(part in take.file for part in held_out) for take in takes]
+    named = {name: foot for name, foot, kept in zip(places, feet, once, strict=True) if kept}
+    noise_sd = float(np.hypot(sd_mm, sd))
+    return _assembled(named, takes, value[:, once], drift, held, noise_sd), named, remarks
+
+
+def _base(
+    names: tuple[str, ...], takes: Sequence[Take], places: Mapping[str, Array]
+) -> tuple[list[int], list[str]]:
+    """Rows of the markers on the base, and what to say of them."""
+    far = np.array([np.linalg.norm(take.hold - take.rest, axis=1) for take in takes]).max(axis=0)
+    base = [k for k, name in enumerate(names) if name not in places and far[k] < STILL * far.max()]
+    if len(base) < BASE:
+        return [], ["No three markers stay: the base is taken as still."]
+    told = ", ".join(names[k] for k in base)
+    return base, [
+        f"{told} move by at most {far[base].max():.2g} mm: the base, whose rigid motion is taken off."
+    ]
+
+
+def _without_base(takes: Sequence[Take], base: Sequence[int]) -> tuple[Array, float]:
+    """Displacements (t, p, 3) mm from rest to hold without the rigid motion of the base, and the sd in mm
+    that its own error adds."""
+    out, left = [], [0.0]
+    for take in takes:
+        hold = take.hold
+        if base:
+            turn, shift = rigid(hold[base], take.rest[base])
+            hold = hold @ turn.T + shift
+            left.append(float(np.sqrt(((hold[base] - take.rest[base]) ** 2).mean())))
+        out.append(hold - take.rest)
+    return np.array(out), max(left)
+
+
+def _half(x: Array, case: Case) -> Array:
+    """A place (3,) mm, or its mirror image where that is what is meshed."""
+    return x * [1.0, -1.0, 1.0] if symmetry_support(case) is not None and x[1] < 0 else x
+
+
+def _back(feet: Array, stated: Array, case: Case) -> Array:
+    """Feet (p, 3) mm on the markers' own side."""
+    flip = (stated[:, 1] < 0) & (symmetry_support(case) is not None)
+    return np.where(flip[:, None], feet * [1.0, -1.0, 1.0], feet)
+
+
+def _at_feet(value: Array, stated: Array, feet: Array, sd_mm: float) -> Array:
+    """Displacements (t, p, 3) mm of the feet of markers that move as one rigid body. ValueError where they do
+    not, or are fewer than three."""
+    if len(stated) < BASE:
+        raise ValueError(
+            f"{len(stated)} markers off the surface: wanted three or more that move together, as on an end "
+            "cap, to tell how they turn; or places on the surface"
+        )
+    out = []
+    for u in value:
+        turn, shift = rigid(stated, stated + u)
+        left = float(np.abs(stated @ turn.T + shift - stated - u).max())
+        if left > TOGETHER * sd_mm + 0.02 * float(np.abs(u).max()):
+            raise ValueError(
+                f"markers off the surface do not move together: a rigid motion leaves {left:.2g} mm; wanted "
+                "markers on one stiff part, or places on the surface"
+            )
+        out.append(feet @ turn.T + shift - feet)
+    return np.array(out)
+
+
+def _assembled(
+    feet: Mapping[str, Array], takes: Sequence[Take], value: Array, drift: Array, held: Sequence[bool],
+    sd: float,
+) -> Targets:  # fmt: skip
+    n, p = 2 * len(takes), len(feet)
+    u, valid, modes = np.zeros((n, p, 3)), np.zeros((n, p, 3), bool), np.zeros((len(takes), n, p, 3))
+    u[1::2], valid[1::2] = np.round(value, 6), True
+    for k in range(len(takes)):
+        modes[k, 2 * k + 1] = np.nan_to_num(drift[k])
+    pressure = np.zeros(n)
+    pressure[1::2] = [take.pressure for take in takes]
+    time = np.arange(float(n))
+    points = tuple(TargetPoint(name, PointKind.PLACE, None, as_position(x)) for name, x in feet.items())
+    return Targets(
+        time=time, pressure=pressure, block=np.arange(n) // 2, points=points, value=u,
+        covariance=np.tile(sd**2 * np.eye(3), (n, p, 1, 1)), valid=valid, held_out=np.repeat(held, 2),
+        modes=modes, mode_names=tuple(f"settling:{take.file}" for take in takes),
+        noise=stated_noise(u, sd), log_time=time, log_pressure=pressure, reference=np.arange(0, n, 2),
+        gravity=None, pressure_sd=np.zeros(n),
+    )  # fmt: skip
