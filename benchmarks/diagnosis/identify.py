@@ -1,15 +1,16 @@
 """How often is the diagnosis right? Virtual trials on the short finger, with intervals.
 
     python benchmarks/diagnosis/identify.py [--quick] [--json] [--folder DIR] [--only GROUP ..] [--share K/N]
-        [--workers N] [--cluster WHERE]
+        [--workers N] [--cluster WHERE] [--to FILE]
 
 Every trial hides something of a stated non-centrality in a truth of another mesh and element
 (`snapshots.py` beside it), draws noise and markers, and runs `twin.diagnosis.procedure.diagnose` on a model
 that looks its answers up in tables of the fitted mesh (`bank.py`). Groups `fresh ..` have seeds that no rule
-was made on, `left out` the unknown kinds without the stand-ins of their kind, `later` the kinds of
-`laterkinds.py`. Results go to a file as they come (--folder), so that the command goes on where it was
+was made on, `left out` the unknown kinds without the stand-ins of their kind, `later` the kinds
+in the folder `kinds`. Results go to a file as they come (--folder), so that the command goes on where it was
 stopped; those of another rule are run again. The table is written to `benchmarks/results/identify.json`.
---quick: a tenth of the trials, as many as four minutes hold, not written.
+--quick: a tenth of the trials, as many as four minutes hold, not written. A table states the commits of the
+code that decided; --to writes one of the groups of --only.
 """
 
 import json
@@ -197,6 +198,7 @@ def main() -> int:
         "--share": ("1/1", "which part of the trials to run: 1/2, 2/2"),
         "--workers": (1, "processes"),
         "--cluster": (str, "instead: tcp://HOST:8786, scheduler.json, slurm.toml"),
+        "--to": (str, "a file for the table of a part of the groups"),
         "--table": "run nothing; make the table of what is there",
     }, quick="a tenth of the trials; nothing is written", json="print the table as JSON")  # fmt: skip
     folder: Path = typed.folder
@@ -213,9 +215,9 @@ def main() -> int:
         rows += ran(todo, folder / name, until=until, tell=not typed.json)
     table = tabulated(wanted, rows)
     table["seconds"]["of_this_run"] = time.perf_counter() - began
-    if not (typed.quick or typed.only):
-        TABLE.parent.mkdir(exist_ok=True)
-        TABLE.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    if typed.to or not (typed.quick or typed.only):
+        file = Path(typed.to) if typed.to else TABLE
+        file.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(table, indent=None if typed.json else 1))
     return 0
 
@@ -230,6 +232,7 @@ def tabulated(wanted: Sequence[Spec], rows: Sequence[dict[str, Any]]) -> dict[st
     own = {row["key"]: row for row in rows if row["key"] in keys}
     table = summary(list(own.values()))
     table["planned"] = len(wanted)
+    table["commits"] = dict(Counter(row.get("commit", "") for row in own.values()))
     table["rules"] = dict(Counter(row["rule"] for row in own.values()))
     table["versions"] = {"python": platform.python_version(), "numpy": np.__version__}
     return table

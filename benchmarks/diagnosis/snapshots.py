@@ -4,8 +4,8 @@
 
 The truths are those of `twin.virtual.hidden`, on the short finger, at all places for markers. Every solve is
 saved as it ends (a file in --folder, by default the system's temporary folder), so that the command goes on
-where it was stopped; --pack writes them into one file. About 15 minutes of one core. --later: the kinds of
-`laterkinds.py` instead, into a file of their own.
+where it was stopped; --pack writes them into one file. About 15 minutes of one core. --later: the kinds in
+the folder `kinds` instead, into a file of their own.
 """
 
 import os

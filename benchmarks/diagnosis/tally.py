@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from twin.diagnosis.grades import Grade
 from twin.effects.labels import AND, KINDS, name_of
 from twin.effects.library import all_effects
 
 Row = dict[str, Any]
 CLEAR = 8.0  # non-centrality from which on an effect ought to be named
 BINS = (0.0, 4.0, 8.0, 15.0, 40.0, np.inf)  # non-centralities of the power curve
+SAID = ("fresh same", "fresh other", "later")  # groups that how sure a name is rests on
 GATED = ("zoomed",)  # unknown kinds that the test of the frame catches
 
 
@@ -200,6 +202,56 @@ def of_laws(rows: Sequence[Row]) -> Row:
     return {"known": scores(clear(known)), "unknown": unknowns([r for r in rows if r not in known])}
 
 
+def nearest(row: Row) -> list[set[str]]:
+    """The sets of names that come nearest, whether a verdict names them or not."""
+    return [{name_of(part) for part in group.split(AND)} for group in row.get("nearest", ())]
+
+
+def in_nearest(row: Row) -> bool:
+    """Whether all that is hidden is among what comes nearest."""
+    return bool(row["physics"]) and set(row["physics"]) <= {n for names in nearest(row) for n in names}
+
+
+def name_right(row: Row) -> bool:
+    """Whether what comes first is hidden, and nothing else."""
+    return nearest(row)[:1] == [set(row["physics"])]
+
+
+def mechanism_right(row: Row) -> bool:
+    """Whether the mechanism of what comes first is one of what is hidden."""
+    return bool(row.get("mechanisms")) and row["mechanisms"][0] in row["hidden_mechanisms"]
+
+
+def said(rows: Sequence[Row]) -> Row:
+    """By grade, of clear trials that state their mechanism: n, how often the first name was right, and the
+    mechanism."""
+    own = [r for r in clear(rows) if r.get("hidden_mechanisms")]
+    of = {grade: [r for r in own if r.get("grade") == grade] for grade in Grade}
+    return {
+        grade: {"name": rate(list(map(name_right, some))), "mechanism": rate(list(map(mechanism_right, some)))}
+        for grade, some in of.items()
+    }
+
+
+def strangers(rows: Sequence[Row]) -> Row:
+    """The clear trials of kinds of the folder: the nearest names of those that the library has, and the
+    grades that the others reach."""
+    own = clear(rows)
+    have, lack = [r for r in own if all(r["physics"])], [r for r in own if not all(r["physics"])]
+    return {
+        "known": {
+            "n": len(have), "in_nearest": rate([in_nearest(r) for r in have]),
+            "wrong_alone": rate([wrong_alone(r) for r in have]),
+            "named": rate([r.get("grade") == Grade.NAMED for r in have]),
+        },
+        "unknown": {
+            "n": len(lack), "named": rate([r.get("grade") == Grade.NAMED for r in lack]),
+            "likely": rate([r.get("grade") == Grade.LIKELY for r in lack]),
+            "mechanism": rate([mechanism_right(r) for r in lack]),
+        },
+    }  # fmt: skip
+
+
 def over_floor(rows: Sequence[Row]) -> Row:
     """Over clear and rightly named trials, the median of the error in the unseen orientation over the same
     draw's with nothing hidden."""
@@ -250,6 +302,8 @@ def summary(rows: Sequence[Row]) -> Row:
     table["kinds_after_freeze"] = of_laws(of.get("later", [])) | {
         "left_out": unknowns(of.get("later left out", []))
     }
+    table["strangers"] = strangers(of.get("later", []))
+    table["said"] = said([r for name in SAID for r in of.get(name, [])])
     single = {law: [*of.get(f"P5 {law}", []), *of.get(f"fresh {law}", [])] for law in ("same", "other")}
     table["heldout_over_floor"] = {law: over_floor(own) for law, own in single.items()}
     table["coverage"] = {protocol: covered(rows, protocol) for protocol in ("P1", "P3", "P5")}

@@ -3,6 +3,7 @@ worth."""
 
 import ast
 import hashlib
+import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -259,14 +260,35 @@ def told(spec: Spec, drawn: Sequence[tuple[Kind, float, Array]]) -> dict[str, An
     """The part of a row that says what was hidden: sizes, non-centralities, and those beside each other."""
     beside = seen_beside([z for _, _, z in drawn])
     return {
-        "key": spec.key, "rule": rule(), "group": spec.group, "protocol": spec.protocol,
+        "key": spec.key, "rule": rule(), "commit": commit(), "group": spec.group, "protocol": spec.protocol,
         "kinds": list(spec.kinds), "physics": [k.physics for k, _, _ in drawn],
-        "laws": [k.law for k, _, _ in drawn], "wanted": spec.sigmas,
+        "laws": [k.law for k, _, _ in drawn], "wanted": spec.sigmas, "hidden_mechanisms": mechanisms(spec),
         "hidden": [
             {"name": k.name, "size": size, "sigmas": float(np.linalg.norm(z)), "beside": left}
             for (k, size, z), left in zip(drawn, beside, strict=True)
         ],
     }  # fmt: skip
+
+
+def mechanisms(spec: Spec) -> list[str]:
+    """The mechanisms of what is hidden, where they are stated."""
+    of = {e.name: e.mechanism for e in all_effects()}
+    found = [of.get(EVERY[name].physics, EVERY[name].mechanism) for name in spec.kinds]
+    return [str(m) for m in found if m is not None]
+
+
+@lru_cache(maxsize=1)
+def commit() -> str:
+    """The commit of the code that decides, with a plus where files have changed since; "" outside of a
+    repository."""
+    said = [run_git("rev-parse", "--short=8", "HEAD"), "+" * bool(run_git("status", "--porcelain", *RULE))]
+    return "".join(said)
+
+
+def run_git(*words: str) -> str:
+    """What git says of this repository; "" where it cannot."""
+    found = subprocess.run(("git", "-C", str(ROOT), *words), capture_output=True, text=True, check=False)
+    return found.stdout.strip()
 
 
 @lru_cache(maxsize=1)
@@ -306,7 +328,8 @@ def worth(said: Any, scene: Scene, hidden: tuple[tuple[Kind, float], ...]) -> di
         "verdict": plain["verdict"], "sentence": plain["sentence"], "named": plain["named"], "law":
         plain["law"], "ties": plain["ties"], "classes": [c["members"] for c in plain.get("classes") or []],
         "rms_over_sd": plain["rms_after_mm"] / noise if noise and plain["rms_after_mm"] else None,
-        "adequate": plain["adequate"], "names": in_verdict(plain),
+        "adequate": plain["adequate"], "names": in_verdict(plain), "grade": plain["grade"],
+        "nearest": plain["nearest"], "mechanisms": plain["mechanisms"], "foretold": dict(said.foretold),
     }  # fmt: skip
     judged = judged_of(said)
     if judged is None:

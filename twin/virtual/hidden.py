@@ -14,6 +14,7 @@ from fe.case import Layer
 from fe.mesh.inner import inside
 from twin.effects.library import effect
 from twin.effects.loads import first_order_lag
+from twin.effects.mechanism import Mechanism
 from twin.effects.protocol import Effect, Test
 from twin.effects.supports import flat_bottom
 from twin.targets import Array
@@ -31,7 +32,7 @@ class Kind:
     those of an effect; part: what has to be solved for it: `static` (curves over pressure), `history` (the
     whole course), or nothing (`path` and `picture`: it changes the pressure or what is seen alone); whole:
     it needs the whole finger; along: a factor (s,) of its size at every step, from pressure (s,) over the
-    top pressure.
+    top pressure; mechanism: its class, where the library does not have it.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Kind:
     along: Callable[[Array], Array] | None = None
     solved_as: str = ""
     amplitude: str = ""
+    mechanism: Mechanism | None = None
 
     @property
     def key(self) -> str:
