@@ -228,8 +228,8 @@ def said(rows: Sequence[Row]) -> Row:
     own = [r for r in clear(rows) if r.get("hidden_mechanisms")]
     of = {grade: [r for r in own if r.get("grade") == grade] for grade in Grade}
     return {
-        grade: {"name": rate(list(map(name_right, some))), "mechanism": rate(list(map(mechanism_right, some)))}
-        for grade, some in of.items()
+        grade: {"name": rate([*map(name_right, rs)]), "mechanism": rate([*map(mechanism_right, rs)])}
+        for grade, rs in of.items()
     }
 
 

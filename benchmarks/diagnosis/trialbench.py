@@ -279,10 +279,10 @@ def mechanisms(spec: Spec) -> list[str]:
 
 @lru_cache(maxsize=1)
 def commit() -> str:
-    """The commit of the code that decides, with a plus where files have changed since; "" outside of a
+    """The last commit of the code that decides, with a plus where files have changed since; "" outside of a
     repository."""
-    said = [run_git("rev-parse", "--short=8", "HEAD"), "+" * bool(run_git("status", "--porcelain", *RULE))]
-    return "".join(said)
+    last = run_git("log", "-1", "--abbrev=8", "--format=%h", "--", *RULE)
+    return last + "+" * bool(run_git("status", "--porcelain", *RULE))
 
 
 def run_git(*words: str) -> str:
