@@ -181,6 +181,11 @@ COMMANDS = (
         group=Group.MISSING, function="twin.commands.explain:run_explain", solves=True, when=When.ASKED,
     ),
     Stage(
+        name="confirm", title="Ask a film that no fit has seen whether the model's effects are in it.",
+        reads=FITTED, writes=("confirmation.json",),
+        group=Group.MISSING, function="twin.commands.confirm:run_confirm", solves=True, when=When.ASKED,
+    ),
+    Stage(
         name="add", title="Add an effect to the model, fit again and compare.",
         reads=(*FITTED, "diagnosis.json"),
         writes=(FIT, "comparison.json", "prediction.npz", "judged.npz", "fields.npz"),

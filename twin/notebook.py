@@ -158,6 +158,7 @@ class OpenedProject:
     study = _method("study")
     diagnose = _method("diagnose")
     explain = _method("explain")
+    confirm = _method("confirm")
     add = _method("add")
     drop = _method("drop")
     predict = _method("predict")

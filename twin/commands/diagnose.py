@@ -19,7 +19,7 @@ from twin.diagnosis.shortlist import LATE
 from twin.effects.labels import name_of
 from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect
-from twin.judging.comparison import right_in_words
+from twin.judging.heldout import forecasts
 from twin.judging.judged import Judged
 from twin.messages import Say
 from twin.project.folder import Project, Run
@@ -69,7 +69,7 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
     if diagnosis.ranking:
         say(f"Ranking: {', '.join(_score(r, record) for r in record.ranking[:TOP])}.")
     for row in held:
-        say(_foretold(row))
+        say(f"Held out, {row.words}")
     if diagnosis.next_test:
         say(f"Next test: {diagnosis.next_test}.")
     say(f"Wrote {project.shown(run.folder)}/diagnosis.json")
@@ -92,14 +92,9 @@ def _held_out(bench: Workbench, settled: Settled) -> list[ForetoldFilm]:
         return []
     before = foretold(bench, settled.diagnosis.base)
     then = foretold(bench, settled.judged) if settled.judged else [None] * len(before)
-    return [ForetoldFilm.of(a, b) for a, b in zip(before, then, strict=True)]
-
-
-def _foretold(row: ForetoldFilm) -> str:
-    """The error in a held-out film before and after, in words."""
-    before, after = row.before, row.after
-    then = f", {after.raw_rms_mm:.3f} mm with the named effect" if after else ""
-    return f"Held out, {row.film}: {before.raw_rms_mm:.3f} mm rms{then}. {right_in_words(before)}"
+    p_before, p_after = forecasts(settled.diagnosis.base, bench.targets), settled.diagnosis.foretold
+    rows = zip(before, then, strict=True)
+    return [ForetoldFilm.of(a, b, p_before[a.block], p_after.get(a.block)) for a, b in rows]
 
 
 def _candidates(project: Project) -> tuple[Effect, ...]:

@@ -46,7 +46,7 @@ def run_explain(
         say.progress(f"refit for {label}", 0, 1)
         if present:
             refit, chosen = (
-                _without(bench, now, present, say),
+                without(bench, now, present, say),
                 tuple(e for e in model.effects if e.label in present),
             )
         else:
@@ -67,7 +67,7 @@ def run_explain(
     return {"stage": "explain", "run": run.name} | files.plain(record)
 
 
-def _without(bench: Workbench, now: Judged, labels: Sequence[str], say: Say) -> Judged:
+def without(bench: Workbench, now: Judged, labels: Sequence[str], say: Say) -> Judged:
     """The model without some of its effects, as it was fitted before, else from where it is now."""
     effects = [e for e in bench.project.config.model.effects if e not in labels]
     model, former = bench.model(effects), held_fit(bench.project, effects)

@@ -8,12 +8,13 @@ from pydantic import Field
 from twin.diagnosis.classes import Mimics
 from twin.diagnosis.deciding import Diagnosis
 from twin.diagnosis.explanation import EvidenceRecord
-from twin.diagnosis.grades import Grade
+from twin.diagnosis.grades import Grade, Outcome, outcome
 from twin.diagnosis.hypotheses import Hypothesis
 from twin.diagnosis.lawresidual import LawResidual
 from twin.diagnosis.sizes import Detectable
 from twin.effects.mechanism import Mechanism
 from twin.experiments.choice import Experiment
+from twin.judging.comparison import right_in_words
 from twin.judging.fitrecord import Estimate, UnseenFilm
 from twin.judging.frame import FrameTest
 from twin.judging.intervals import estimates
@@ -114,12 +115,39 @@ class ForetoldFilm(Record):
     before: UnseenFilm = Field(description="as in comparison.json")
     after: UnseenFilm | None = Field(description="with the effect")
     ratio: Maybe
+    p_before: Maybe = Field(default=None, description="of so bad a forecast by a right model")
+    p_after: Maybe = None
+    outcome: Outcome | None = Field(default=None, description="what the film says of the effect")
 
     @staticmethod
-    def of(before: UnseenFilm, after: UnseenFilm | None) -> "ForetoldFilm":
-        """The errors of two models in one film."""
+    def of(
+        before: UnseenFilm,
+        after: UnseenFilm | None,
+        p_before: float | None = None,
+        p_after: float | None = None,
+    ) -> "ForetoldFilm":
+        """The errors of two models in one film, and the probabilities of their forecasts."""
         ratio = before.rms_mm / after.rms_mm if after and after.rms_mm else None
-        return ForetoldFilm(film=before.film, before=before, after=after, ratio=ratio)
+        found = None if p_before is None or p_after is None else outcome(p_before, p_after)
+        return ForetoldFilm(film=before.film, before=before, after=after, ratio=ratio, p_before=p_before,
+                            p_after=p_after, outcome=found)  # fmt: skip
+
+    @property
+    def words(self) -> str:
+        """The error before and after, and what the film says of the effect."""
+        before, after = self.before, self.after
+        if after is None or self.outcome is None:
+            return f"{self.film}: {before.raw_rms_mm:.3f} mm rms. {right_in_words(before)}"
+        told = {
+            Outcome.CONFIRMED: "so it is confirmed: without it the film is not foretold",
+            Outcome.REFUTED: f"so it is refuted: a right model would foretell it so badly with p = "
+            f"{self.p_after or 0.0:.2g}",
+            Outcome.UNTESTED: "which does not test it: without it the film is foretold as well",
+        }
+        return (
+            f"{self.film}: {before.raw_rms_mm:.3f} mm rms, {after.raw_rms_mm:.3f} mm with the named effect, "
+            f"{told[self.outcome]}. {right_in_words(before)}"
+        )
 
 
 class DiagnosisRecord(Record):

@@ -19,6 +19,26 @@ class Grade(StrEnum):
     LIKE = "like"
 
 
+class Outcome(StrEnum):
+    """What a film that no fit has seen says of what is named."""
+
+    CONFIRMED = "confirmed"
+    REFUTED = "refuted"
+    UNTESTED = "not tested"
+
+
+def outcome(without: float, beside: float) -> Outcome:
+    """What a film says that a model without an effect foretells with a probability, and the one with it with
+    another: where both foretell it, the film does not test the effect.
+
+    >>> [str(outcome(*p)) for p in ((1e-9, 0.3), (0.2, 0.3), (1e-9, 1e-4))]
+    ['confirmed', 'not tested', 'refuted']
+    """
+    if beside <= FORETOLD:
+        return Outcome.REFUTED
+    return Outcome.CONFIRMED if without <= FORETOLD else Outcome.UNTESTED
+
+
 def grade_of(best: Hypothesis, *, alone: bool, forecasts: Sequence[float]) -> Grade:
     """The grade of the best hypothesis; alone: whether it is the only one named; forecasts: the probability
     of each film that no fit has seen, as it foretells it."""

@@ -30,6 +30,7 @@ from twin.commands.add import run_add
 from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
 from twin.commands.comparetwo import run_side_by_side
+from twin.commands.confirm import run_confirm
 from twin.commands.diagnose import run_diagnose
 from twin.commands.drop import run_drop
 from twin.commands.explain import run_explain
@@ -107,6 +108,8 @@ def chain(
         patch.setattr(prediction, "solve", _no_solve)  # calibrate has solved all that compare needs
         run_compare(project, say)
     run_diagnose(project, say)
+    with pytest.raises(ValueError, match=r"model.effects of twin.toml is empty: nothing is to be confirmed"):
+        run_confirm(project, say, "0")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(prediction, "solve", _no_solve)  # and diagnose all that add needs
         run_add(project, say, names=["creep"])
