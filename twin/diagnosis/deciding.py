@@ -23,7 +23,9 @@ from twin.effects.mechanism import Mechanism
 from twin.effects.protocol import Effect, Theta
 from twin.experiments.choice import Experiment
 from twin.judging.comparison import Comparison
+from twin.judging.fitrecord import Estimate
 from twin.judging.frame import FrameTest
+from twin.judging.intervals import estimates, united
 from twin.judging.judged import Judged
 
 TIE = 6.0  # 2 ln B: below it neither of two models is preferred (Kass & Raftery 1995, doi 10.2307/2291091)
@@ -74,6 +76,14 @@ class Diagnosis:
     def mechanisms(self) -> tuple[Mechanism, ...]:
         """The mechanisms of what is named, or comes nearest, that of the best first."""
         return tuple(dict.fromkeys(e.mechanism for h in self.tied for e in h.effects))
+
+    @property
+    def shared(self) -> dict[str, Estimate]:
+        """The parameters that all have which a tie names, whichever of them it is."""
+        fits = [self.kept, *(h.refit for h in self.tied[1:] if not h.kind)]
+        if not self.ties or any(fit is None for fit in fits):
+            return {}
+        return united([estimates(fit.fit, fit.comparison) for fit in fits if fit is not None])
 
     @property
     def law(self) -> str | None:

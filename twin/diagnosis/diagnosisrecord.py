@@ -166,6 +166,9 @@ class DiagnosisRecord(Record):
         default=(),
         description="what these data cannot tell apart",
     )
+    shared: dict[str, Estimate] = Field(
+        default={}, description="parameters that all of a tie have, their intervals the union of theirs"
+    )
     classes: tuple[Mimics, ...] = Field(default=(), description="who mimics each effect")
     ranking: tuple[RankingRow, ...] = Field(default=(), description="every hypothesis")
     resembles: tuple[Resemblance, ...] = Field(default=(), description="nearest stand-ins")
@@ -214,6 +217,7 @@ class DiagnosisRecord(Record):
             nearest=diagnosis.nearest,
             mechanisms=diagnosis.mechanisms,
             ties=diagnosis.ties,
+            shared=diagnosis.shared,
             classes=diagnosis.classes,
             ranking=tuple(map(RankingRow.of, diagnosis.ranking)),
             resembles=tuple(map(Resemblance.of, diagnosis.resembles)),

@@ -10,6 +10,7 @@ from twin.effects.labels import KINDS, OR
 from twin.effects.protocol import Theta
 from twin.judging.comparison import Comparison, change_in_words, error_in_words
 from twin.judging.judged import Judged
+from twin.numerals import interval
 
 HALF = 0.5
 SHOWN = 3  # stand-ins and nearest effects that are told
@@ -76,7 +77,12 @@ def missing_in_words(diagnosis: Diagnosis) -> str:
         members += [f"{h.physics}: {_sizes(h, h.refit.values)}" for h in others if h.refit and not h.kind]
         mimics = [f"The {h.kind} would be {h.words}" for h in others if h.kind]
         names = " from ".join(map(_called, diagnosis.tied))
-        return f"These data cannot tell {names}. {'. '.join([*members, *mimics])}."
+        spans = [
+            f"{name} is {interval(e.low, e.high)} {e.unit}".strip()
+            for name, e in diagnosis.shared.items() if e.low is not None and e.high is not None
+        ]  # fmt: skip
+        whichever = f" Whichever it is, {', '.join(spans)} (95 %)." if spans else ""
+        return f"These data cannot tell {names}. {'. '.join([*members, *mimics])}.{whichever}"
     names, are = " and ".join(best.names), "are" if best.names[1:] else "is"
     missing = f"Something like {names} is missing ({' or '.join(diagnosis.mechanisms)})"
     if diagnosis.grade is not Grade.LIKE:

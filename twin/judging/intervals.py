@@ -3,6 +3,7 @@
 An interval says how far the truth may be if the model is right. So a model that does not fit has none.
 """
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,27 @@ def estimates(
     rows = zip(fit.parameters, fit.theta, fit.interval(0.95), strict=True)
     doubt = doubt_of_tests(tests) or comparison.doubt
     return {row[0].name: _estimate(fit, doubt, *row) for row in rows}
+
+
+def united(every: Sequence[Mapping[str, Estimate]]) -> dict[str, Estimate]:
+    """The estimates by name of what several models have that cannot be told apart: values of the first, each
+    interval the union of theirs; none where one has none.
+
+    >>> rows = [{"C10": Estimate(value=v, unit="MPa", low=v - 1, high=v + 1)} for v in (2.0, 3.5)]
+    >>> found = united([*rows, {**rows[0], "C01": rows[0]["C10"]}])["C10"]
+    >>> found.value, found.low, found.high
+    (2.0, 1.0, 4.5)
+    """
+    out = {}
+    for name, first in every[0].items():
+        rows = [row[name] for row in every if name in row]
+        spans = [(r.low, r.high) for r in rows if r.low is not None and r.high is not None]
+        if len(spans) == len(every):
+            low, high = min(low for low, _ in spans), max(high for _, high in spans)
+            out[name] = first.model_copy(update={"low": low, "high": high})
+        elif len(rows) == len(every):
+            out[name] = next(r for r in rows if r.low is None)
+    return out
 
 
 def _estimate(fit: Fit, doubt: str, parameter: Parameter, value: float, span: Any) -> Estimate:

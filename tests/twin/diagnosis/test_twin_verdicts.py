@@ -21,6 +21,7 @@ from twin.effects.library import all_effects
 from twin.effects.protocol import Effect, Unsolvable
 from twin.files import plain
 from twin.judging import judged
+from twin.judging.intervals import estimates
 from twin.judging.judged import Judged
 from twin.targets import Array
 
@@ -108,7 +109,12 @@ def test_the_sizes_told_are_those_of_the_fits_of_all_that_is_tied() -> None:
     first, second = found.tied
     values = {first.label: found.kept.values, second.label: second.refit.values}  # type: ignore[union-attr]
     says(found.sentence, *(f"{n}: {n} is {v[f'{n}.a0']:.6f} mm" for n, v in values.items()))
+    spans = [estimates(fit.fit, fit.comparison)["base.C"] for fit in (found.kept, second.refit)]  # type: ignore[union-attr]
+    shared = found.shared["base.C"]
+    assert (shared.low, shared.high) == (min(e.low for e in spans), max(e.high for e in spans))
+    says(found.sentence, f"Whichever it is, base.C is {shared.low:.4f} to {shared.high:.4f} MPa (95 %)")
     alone = diagnosed(0.3 * FIELDS["alpha"][0], effects=effects)
+    assert alone.shared == {}
     assert alone.kept is not None
     says(alone.sentence, f"Alpha is {alone.kept.values['alpha.a0']:.6f} mm.")
 
