@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from twin.diagnosis.deciding import Decision, Diagnosis
-from twin.diagnosis.grades import FORETOLD, Grade
+from twin.diagnosis.grades import FORETOLD, RIGHT, Grade
 from twin.diagnosis.hypotheses import Hypothesis, ranked
 from twin.effects.labels import KINDS, OR
 from twin.effects.protocol import Theta
@@ -96,10 +96,10 @@ def _sizes(h: Hypothesis, values: Theta) -> str:
 
 
 def sure_in_words(diagnosis: Diagnosis) -> str:
-    """How sure what is named is, and why; "" where nothing is named or near."""
+    """How sure what is named is, why, and how often that was right; "" where nothing is named or near."""
     if diagnosis.grade is None:
         return ""
-    best = diagnosis.tied[0]
+    best, rates = diagnosis.tied[0], RIGHT[diagnosis.grade].words
     size = best.score.size if best.score else 0.0
     refuted = any(p <= FORETOLD for p in diagnosis.foretold.values())
     if diagnosis.grade is Grade.LIKE:
@@ -108,16 +108,16 @@ def sure_in_words(diagnosis: Diagnosis) -> str:
             else "a film that no fit has seen contradicts it" if refuted
             else "its law is another than those tried"
         )  # fmt: skip
-        return f"like: {why}."
+        return f"like: {why}. {rates}"
     foretold = "a film that no fit has seen is foretold"
     if diagnosis.grade is Grade.NAMED:
         why = f"its law fits within the noise, it is {size:.0f} times its uncertainty, and {foretold}"
-        return f"named: {why}."
+        return f"named: {why}. {rates}"
     why = f"it is only {size:.0f} times its uncertainty" if diagnosis.foretold else (
         "no film is held out that could confirm it"
     )  # fmt: skip
     return (
-        f"likely: its law fits within the noise, but {why}. To be sure, film the finger again "
+        f"likely: its law fits within the noise, but {why}. {rates} To be sure, film the finger again "
         f"{diagnosis.mechanisms[0].film}, hold that film out (held_out = true), and run twin diagnose."
     )
 

@@ -1,15 +1,22 @@
 """How sure a verdict is, and whether a film that no fit has seen is foretold."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+
+from benchmarks import ROOT
+from benchmarks.diagnosis.laterkinds import FOLDER, KINDS_LATER, read
+from benchmarks.diagnosis.tally import in_nearest, mechanism_right, name_right
 
 import numpy as np
 import pytest
 
+from tests.twin.diagnosis.test_twin_verdicts import FIELDS, diagnosed
 from tests.twin.diagnosis.toy import STEPS, Toy, smooth_field, targets, toy_effect
 from twin.diagnosis.diagnosisrecord import DiagnosisRecord, RankingRow
-from twin.diagnosis.grades import FORETOLD, PLAIN, Grade, grade_of
+from twin.diagnosis.grades import FORETOLD, PLAIN, RIGHT, Grade, grade_of
 from twin.diagnosis.hypotheses import Hypothesis, Score
 from twin.effects.library import all_effects
 from twin.effects.mechanism import Mechanism
@@ -93,3 +100,42 @@ def test_a_right_model_foretells_a_film_that_it_has_not_seen() -> None:
 
 def test_what_appears_later_refutes_it() -> None:
     assert foretold(hidden=0.2, later=0.05, seed=0) < 1e-6
+
+
+def test_how_often_a_grade_was_right_is_as_the_table_of_trials_has_it() -> None:
+    table = json.loads((ROOT / "benchmarks" / "results" / "verdicts.json").read_text(encoding="utf-8"))
+    assert sum(table["commits"].values()) == table["trials"]  # each states the commit of its rule
+    assert "" not in table["commits"]
+    for grade, rate in RIGHT.items():
+        said = table["said"][grade]
+        assert {row["n"] for row in said.values()} == {rate.n}
+        assert {key: round(row["rate"] * row["n"]) for key, row in said.items()} == {"name": rate.name, "mechanism": rate.mechanism}
+    assert RIGHT[Grade.LIKELY].words in diagnosed(0.3 * FIELDS["alpha"][0]).sure
+
+
+def test_kinds_are_read_from_a_folder(tmp_path: Path) -> None:
+    text = (FOLDER / "settling.py").read_text(encoding="utf-8")
+    (tmp_path / "sinking.py").write_text(text.replace("settling", "sinking"), encoding="utf-8")
+    (file,) = read(tmp_path)
+    assert (file.KIND.name, file.KIND.mechanism, file.STAND_INS) == ("sinking", Mechanism.LOAD, ("drift", "play"))
+    assert "settling" in KINDS_LATER
+    (tmp_path / "other.py").write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"other.py: wanted KIND = Kind\(name='other', ...\)"):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("physics", "near", "told", "right"),
+    [
+        (["creep"], ["creep", "tube"], ["history of the silicone"], (True, True, True)),
+        (["creep"], ["tube", "creep"], ["load and supports"], (True, False, False)),
+        (["creep"], ["creep + tube"], ["history of the silicone"], (True, False, True)),
+        ([""], ["creep"], ["history of the silicone"], (False, False, True)),
+        ([""], [], [], (False, False, False)),
+    ],
+)
+def test_a_trial_is_right_by_name_or_by_mechanism(
+    physics: list[str], near: list[str], told: list[str], right: tuple[bool, bool, bool]
+) -> None:
+    row = {"physics": physics, "nearest": near, "mechanisms": told, "hidden_mechanisms": ["history of the silicone"]}
+    assert (in_nearest(row), name_right(row), mechanism_right(row)) == right
