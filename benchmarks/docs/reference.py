@@ -24,6 +24,7 @@ from calibrate import Parameter
 from fe import Finger, Material, finger_case
 from twin.chain import STAGES, Stage
 from twin.commands.calibratelaws import LawsRecord
+from twin.commands.confirm import Confirmation
 from twin.commands.explore import ExploredRecord
 from twin.commands.export import ModelRecord
 from twin.commands.pareto import ParetoRecord
@@ -45,8 +46,8 @@ from twin.virtual.protocols import PROTOCOLS, Protocol
 DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
 RECORDS: tuple[type[Record], ...] = (
-    FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, ProfilesRecord, PosteriorRecord,
-    LawsRecord, ParetoRecord, ExploredRecord, PredictionRecord, ModelRecord, Study,
+    FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, Confirmation, ProfilesRecord,
+    PosteriorRecord, LawsRecord, ParetoRecord, ExploredRecord, PredictionRecord, ModelRecord, Study,
 )  # fmt: skip
 COLUMNS = 120
 BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"
