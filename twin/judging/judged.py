@@ -109,11 +109,11 @@ def judge_base(
     if not targets.bare:
         return judge(model, targets, starts=starts, seed=seed)
     unweighted = fit_unweighted(model, targets, start=starts, seed=seed)
-    rough = judge(model, targets, starts=unweighted.theta, seed=seed, evaluations=FEW, turns=0)
-    if rough.comparison.adequate or not rough.comparison.beyond:
-        return judge(model, targets, starts=rough.theta, seed=seed)
-    task = _Task(model, targets, seed, 1, 0.1, TURNS, 0.0)
-    return task.judged(task._at(unweighted))
+    task = _Task(model, targets, seed, FEW, 0.1, TURNS, 0.0)
+    rough = task.first(unweighted.theta)
+    comparison = task.judged(rough).comparison
+    kept = comparison.beyond and not comparison.adequate
+    return task.judged(task._at(unweighted) if kept else task.settled(rough))
 
 
 def judge_fit(model: Model, targets: Targets, fit: Fit, *, law: float = 0.0) -> Judged:
