@@ -14,7 +14,7 @@ from twin.diagnosis.signatures import null, prior_sd
 from twin.effects.protocol import Effect, Theta, Unsolvable
 from twin.judging.fitting import fit_model, noise_of
 from twin.judging.heldout import folds
-from twin.judging.judged import Judged, judge
+from twin.judging.judged import Judged, judge, judge_fit
 from twin.judging.lawerrorlevels import Level, asked_for, levels
 from twin.judging.lawerrors import averaged
 from twin.model.keptmodel import KeptModel
@@ -42,13 +42,11 @@ def near_with_effects(
     effects: Sequence[Effect],
     targets: Targets,
     tangents: Mapping[str, Sequence[Array]],
-    *,
-    exact: bool = False,
 ) -> Model:
     """The base model with effects more, which answers by its response where that errs by less than NEARBY of
-    the noise, unless it is to be exact; tangents: of effects at the base fit, by label."""
+    the noise; tangents: of effects at the base fit, by label."""
     whole = with_effects(base, effects)
-    if exact or not (isinstance(whole, KeptModel) and isinstance(base.model, KeptModel)):
+    if not (isinstance(whole, KeptModel) and isinstance(base.model, KeptModel)):
         return whole
     limit = NEARBY * noise_of(targets, base.errors.gauge)
     return NearModel.of(whole, base.model, base.theta, tangents, limit_mm=limit)
@@ -67,9 +65,9 @@ def refitted(
     """The hypothesis with its refit and score, and the judged model; a note where there is no equilibrium.
 
     starts: further values of the base model's parameters from which it is tried too; tangents: of effects at
-    the base fit, by label; exact: by whole solves alone.
+    the base fit, by label; exact: its end is solved, too.
     """
-    model = near_with_effects(base, h.effects, targets, tangents, exact=exact)
+    model = near_with_effects(base, h.effects, targets, tangents)
     begun = [_foreseen(model, h.start, base, targets, seed), *({**h.start, **s} for s in starts)]
     rows = np.array([model.theta(_allowed(model, values, base.values)) for values in begun])
     try:
@@ -83,6 +81,10 @@ def refitted(
             at_levels = levels(judged, targets)
             stuck = np.array_equal(judged.theta, last.theta)
             most = 2 * most if stuck else 3  # a shorter step takes more tries
+        if exact and isinstance(model, NearModel) and not model.is_solved(judged.theta):
+            model.certify(judged.theta)
+            judged = judge_fit(model, targets, judged.fit)
+            at_levels = levels(judged, targets)
     except Unsolvable as error:
         return replace(h, note=str(error)), None
     score = scored(judged, at_levels, h.effects, base, targets)

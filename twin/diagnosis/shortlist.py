@@ -281,10 +281,9 @@ class Refits:
         """The hypothesis with its refit, which is kept in `done`."""
         self.task.tell(f"refit with {h.label}", len(self.done) + 1, len(self.done) + 2)
         held = self._held(h)
-        refit, judged = refitted(
-            held, self.base, self.task.targets, starts=self.starts, seed=self.task.seed,
-            tangents=self.task.known,
-        )  # fmt: skip
+        refit, judged = self._refitted(held)
+        if _left_nothing(refit) and refit.score is not None and refit.score.near:
+            refit, judged = self._refitted(replace(held, start=refit.start), exact=True)
         self.done.append(refit)
         self.tried.add(h.label)
         if judged is not None and (self.best is None or _better(refit, self.best)):
@@ -292,12 +291,16 @@ class Refits:
         return refit
 
     def tell_apart(self) -> None:
-        """Refit by whole solves what the response cannot tell from the best of another physics."""
-        for h in rivals(self.done):
-            found, _ = refitted(
-                h, self.base, self.task.targets, seed=self.task.seed, tangents=self.task.known, exact=True
-            )
-            self.done[self.done.index(h)] = found
+        """Solve the ends of the best and of what the response cannot tell from it."""
+        while near := rivals(self.done):
+            for h in near:
+                self.done[self.done.index(h)], _ = self._refitted(h, exact=True)
+
+    def _refitted(self, h: Hypothesis, *, exact: bool = False) -> tuple[Hypothesis, Judged | None]:
+        return refitted(
+            h, self.base, self.task.targets, starts=() if exact else self.starts, seed=self.task.seed,
+            tangents=self.task.known, exact=exact,
+        )  # fmt: skip
 
     def _held(self, h: Hypothesis) -> Hypothesis:
         """The hypothesis for a refit: what cannot be fitted, such as a marker and a time, is held where it
@@ -325,13 +328,13 @@ def _left_nothing(h: Hypothesis) -> bool:
 
 
 def rivals(rows: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Refits by the response within REACH and their DOUBT of the best one, where one of them is of another
-    physics than that."""
+    """Of the refits by the response the best one, and those within REACH and their DOUBT of it where one of
+    these is of another physics."""
     scored = [h for h in ranked(list(rows)) if h.evidence is not None]
     top = max((h.evidence or 0.0 for h in scored), default=0.0)
     close = [h for h in scored if (h.evidence or 0.0) > top - REACH - DOUBT * abs(top)]
     alone = all(h.physics == close[0].physics for h in close)
-    return [] if alone else [h for h in close if h.score is not None and h.score.near]
+    return [h for h in close[: 1 if alone else None] if h.score is not None and h.score.near]
 
 
 def on_a_basis(effect: Effect, test: Test) -> bool:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
 from typing import ClassVar
 
 import numpy as np
@@ -16,7 +15,6 @@ from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable
 from twin.effects.requirements import Requirement
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
-from twin.targets import Array
 
 ALL = 0.95  # of the stiffness is what relaxation may take
 
@@ -99,19 +97,6 @@ class Creep(Family):
         (g, tau), *more = terms
         rest = "".join(f", {percent(g)} with {number(tau)} s" for g, tau in more)
         return f"the silicone creeps: {percent(g)} of its stiffness relaxes with {number(tau)} s{rest}"
-
-    def first_order(
-        self, tangents: Mapping[str, Sequence[Array]], test: Test
-    ) -> list[tuple[Theta, dict[str, Array]]]:
-        """Of two terms, each pair of times of the single ones: to first order they add."""
-        if self.terms == 1:
-            return super().first_order(tangents, test)
-        names = [p.name for p in self.parameters]
-        return [
-            (dict(zip(names[1::2], times, strict=True)), dict(zip(names[::2], fields, strict=True)))
-            for pair in combinations(Creep().first_order(tangents, test), self.terms)
-            for times, fields in [([e["creep.tau1"] for e, _ in pair], [f["creep.g1"] for _, f in pair])]
-        ]
 
     def start(self, theta: Theta) -> Theta:
         if self.terms == 1:

@@ -4,7 +4,7 @@ An effect never states a derivative: `Model` differences its maps. At its null v
 the base, bit for bit on the same mesh (`Model.over`: half of a symmetric one, or all of it).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar
@@ -181,15 +181,6 @@ class Effect:
         empty."""
         del test
         return self.grid or ({},)
-
-    def first_order(
-        self, tangents: Mapping[str, Sequence[Array]], test: Test
-    ) -> list[tuple[Theta, dict[str, Array]]]:
-        """Entries, and there the changes (s, p, 3) mm per unit of each amplitude, as far as tangents of
-        effects, by label and entry of their `tries`, say them: by default its own."""
-        names = [p.name for p in self.amplitudes]
-        own = zip(self.tries(test), tangents.get(self.label, ()), strict=False)
-        return [(entry, dict(zip(names, fields, strict=True))) for entry, fields in own]
 
     def at(self, entry: Theta, test: Test) -> "Effect":
         """The effect that is fitted where an entry of its `tries` on a test shows most: itself, or a copy

@@ -43,6 +43,10 @@ class NearModel(Model):
         """The response, with all that was solved."""
         return self._known[-1]
 
+    def certify(self, theta: Array) -> None:
+        """Solve the whole model at theta (d,)."""
+        self._known[:] = [self.response.certified(theta)]
+
     def is_solved(self, theta: Array) -> bool:
         """True if it answers at theta (d,) by a whole solve."""
         return any(np.array_equal(s.theta, theta) for s in self.response.solves)
@@ -59,7 +63,7 @@ class NearModel(Model):
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
         """As `Model.solved`, with the solution of the nearest whole solve."""
         if self.error_mm(theta) > self.limit_mm:
-            self._known[:] = [self.response.certified(theta)]
+            self.certify(theta)
         return self.response.solved(theta, derivatives=derivatives)
 
     def solution(self, theta: Array) -> Solution:

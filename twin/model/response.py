@@ -112,13 +112,11 @@ class Surrogate(Model):
         earlier = [s for s in base.kept if s is not last]
         base_solves = [] if full is base else [*earlier, last]  # its own solves are joined below
         base_names = {p.name for p in base.parameters}
-        told = {f.label: f.first_order(tangents, base.test) for f in full.effects}
-        entries = {f.label: [e for e, _ in told[f.label]] or f.tries(base.test) for f in full.effects}
-        tries = {p.name: [e[p.name] for e in entries[f.label] if p.name in e]
+        tries = {p.name: [e[p.name] for e in f.tries(base.test) if p.name in e]
                  for f in full.effects for p in f.parameters}  # fmt: skip
         start = base.named(last.theta)
         for f in full.effects:
-            entry = entries[f.label][0]
+            entry = f.tries(base.test)[0]
             start |= {p.name: p.null if p.null is not None else entry.get(p.name, (p.low + p.high) / 2)
                       for p in f.parameters if p.name not in base_names}  # fmt: skip
         stiff = full.law.at_rest if full.law else ()
@@ -138,8 +136,9 @@ class Surrogate(Model):
         for solve in base_solves:
             rows += empty._told(solve, {**start, **base.named(solve.theta)}, base)
         for f in full.effects:
-            for entry, fields in told[f.label]:
-                rows += empty._along({**start, **entry}, fields, ROUGH)
+            for entry, fields in zip(f.tries(base.test), tangents.get(f.label, ()), strict=False):
+                names = [p.name for p in f.amplitudes]
+                rows += empty._along({**start, **entry}, dict(zip(names, fields, strict=True)), ROUGH)
         out = replace(empty, rows=tuple(rows))
         for solve in full.kept:
             out = out.joined(solve)

@@ -49,18 +49,22 @@ def test_a_refit_by_the_response_is_that_by_whole_solves(
     value = u + sd * np.random.default_rng(8).standard_normal(u.shape)
     t = replace(plain, value=value, covariance=np.tile(sd**2 * np.eye(3), (*u.shape[:2], 1, 1)))
 
-    def refit(nearby: float) -> tuple[Hypothesis, int]:
+    def refit(nearby: float, *, exact: bool = False) -> tuple[Hypothesis, int]:
         monkeypatch.setattr(refitting, "NEARBY", nearby)
         base = judge(base_model(t, coarsest_case), t, starts=np.array([0.2, 0.1]))
         tangents = base.model.tangents(base.theta, [own])
         (h,) = screened(base, signatures_of(base, [own], tangents=tangents))
-        found, _ = refitted(h, base, t, seed=0, tangents=tangents)
+        found, _ = refitted(h, base, t, seed=0, tangents=tangents, exact=exact)
         whole = base.model.with_effect(own)
         assert isinstance(whole, KeptModel)
         return found, len(whole.kept)
 
     (whole, many), (near, few) = refit(0.0), refit(0.25)
     assert few < many
+    solved, once_more = refit(0.25, exact=True)
+    assert once_more == few + 1
+    assert solved.score is not None
+    assert not solved.score.near
     assert near.score is not None
     assert near.score.near
     assert whole.score is not None

@@ -152,7 +152,8 @@ def test_what_the_response_cannot_tell_from_another_physics_is_refitted_by_whole
     best, other, far = scored("alpha", 4000.0), scored("beta", 3970.0), scored("gamma", 3900.0)
     assert rivals([far, other, best]) == [best, other]
     assert rivals([best, scored("beta", 3970.0, near=False)]) == [best]
-    assert rivals([best, scored("alpha", 3970.0), far]) == []  # of one physics
+    assert rivals([best, scored("alpha", 3970.0), far]) == [best]  # of one physics
+    assert rivals([scored("alpha", 4000.0, near=False), scored("alpha", 3970.0), far]) == []
     assert rivals([]) == []
     exact: list[str] = []
 
@@ -161,7 +162,7 @@ def test_what_the_response_cannot_tell_from_another_physics_is_refitted_by_whole
         return refitted(h, *rest, **how)
 
     monkeypatch.setattr(shortlist, "refitted", counted)
-    monkeypatch.setattr(shortlist, "rivals", lambda rows: rows[:1])
+    monkeypatch.setattr(shortlist, "rivals", lambda rows: rows[: 1 - len(exact)])
     rows = searched(0.3 * FIELDS["alpha"][0])
     assert exact == ["alpha"]
     assert [h.label for h in rows if h.refit is not None] == ["alpha"]

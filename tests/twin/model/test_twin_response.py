@@ -116,18 +116,3 @@ def test_a_law_without_tangents_asks_for_a_solve_first(base: KeptModel) -> None:
     theta = at(blind)
     assert not blind.reaches(theta)
     assert blind.certified(theta).reaches(theta)
-
-
-def test_two_terms_of_creep_are_known_from_the_tangents_of_one(base: KeptModel) -> None:
-    one, two = effect("creep"), effect("creep").wider()
-    assert two is not None
-    whole = base.with_effect(two)
-    assert isinstance(whole, KeptModel)
-    response = Surrogate.of(whole, base, BASE, base.tangents(BASE, [one]))
-    theta = np.array([*BASE, 0.03, 1.7, 0.02, 8.0])
-    assert response.reaches(theta)
-    wanted = whole.drawn(theta).u
-    added = np.sqrt(np.mean((wanted - base.predict(BASE)) ** 2))
-    error = np.sqrt(np.mean((wanted - response.predict(theta)) ** 2))
-    assert error < 0.05 * added
-    assert not Surrogate.of(whole, base, BASE, {}).reaches(theta)
