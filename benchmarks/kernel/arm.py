@@ -18,7 +18,7 @@ from benchmarks.commandline import options
 import numpy as np
 
 from fe import Case, Material
-from fe.element import Array
+from fe.element import Array, Flags
 from fe.engines.writer import deck
 from fe.mesh.extruding import between, extruded, grid_quads, hollow_case
 
@@ -58,7 +58,7 @@ class Arm:
         """Share of half a chamber's side at which the rib begins."""
         return 1 - self.rib / np.sqrt(2) / (self.bore + self.inner)
 
-    def _section(self, side: int, across: int) -> tuple[Array, Array]:
+    def _section(self, side: int, across: int) -> tuple[Array, Flags]:
         """Reference quadrilaterals (c, 4, 2) of half a section, rings of squares, and which are chambers."""
         half = np.append(np.linspace(0.0, self._edge, side + 1), 1.0)
         whole = np.concatenate([-half[:0:-1], half])  # along a side, from corner to corner
