@@ -58,7 +58,14 @@ class Gram:
         return Gram(self.S[np.ix_(rows, rows)], self.b[rows], self.zz)
 
     def attained(self, low: Array, high: Array) -> tuple[Array, float]:
-        """The amplitudes (k,) between low and high that lower chi2 most, and by how much they do."""
+        """The amplitudes (k,) between low and high that lower chi2 most, and by how much they do; none where
+        a signature is not finite, as at a limit point.
+
+        >>> Gram.of(np.ones(2), np.array([[np.inf], [1.0]])).attained(np.zeros(1), np.ones(1))
+        (array([0.]), 0.0)
+        """
+        if not np.isfinite(self.S).all():
+            return np.zeros(len(self.b)), 0.0
         sizes, turn = np.linalg.eigh(self.S)
         keep = sizes > 1e-10 * max(float(sizes.max(initial=0.0)), 1e-300)
         if not keep.any():
