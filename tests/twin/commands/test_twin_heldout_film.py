@@ -41,12 +41,11 @@ def found(
         short_builtin.finger, Lattice(per_bellow=2, centred=False), material=material, element=None
     )
     films = []
-    for name, corners in FILMS.items():
+    for k, (name, corners) in enumerate(FILMS.items()):
         course = virtual.path(BENCH, protocol=corners)
         u, slope = virtual.displaced(truth, course, places)
         points = virtual.at_nodes(NAMES, short_case.labels[rows], places)
-        # of one seed: the same markers sit in the same places, and one camera has one scale
-        drawn = virtual.noisy_targets(u, slope, course, points=points, bench=BENCH, seed=1)
+        drawn = virtual.noisy_targets(u, slope, course, points=points, bench=BENCH, seed=1 + k)
         films.append(FilmTargets(name=name, log=f"{name}.csv", targets=drawn, held_out=name == "steps"))
     targets, told = joined(films)
     write_targets(folder / "targets", targets, source=SourceRecord(films=tuple(told)))
@@ -63,7 +62,7 @@ def test_a_held_out_film_is_foretold_better_with_the_named_effect(found: tuple[P
     (row,) = diagnosis["held_out"]  # type: ignore[misc]
     assert diagnosis["named"] == ["creep"]
     assert row["film"] == "steps"
-    # creep is planted in the film that was not fitted, too: its error falls, 1.7 times with another seed
+    # creep is planted in the film that was not fitted, too: its error falls, 1.73 times with this seed
     assert row["ratio"] > 1.4
     assert row["ratio"] == pytest.approx(row["before"]["rms_mm"] / row["after"]["rms_mm"])
     assert any(line.startswith("Held out, steps: ") for line in say.lines)
@@ -72,19 +71,19 @@ def test_a_held_out_film_is_foretold_better_with_the_named_effect(found: tuple[P
     assert fitted["rms_mm"] == pytest.approx(row["before"]["rms_mm"], rel=1e-3)
 
 
-def test_a_held_out_film_confirms_what_is_in_it(found: tuple[Project, Silent]) -> None:
+def test_a_held_out_film_of_markers_that_sit_elsewhere_refutes_the_model(found: tuple[Project, Silent]) -> None:
     project, say = found
     row = read(project, "diagnose", "diagnosis.json")["held_out"][0]  # type: ignore[index]
-    assert row["p_before"] < 1e-6 < 0.01 < row["p_after"]  # creep is planted in both films
-    assert row["outcome"] == "confirmed"
+    # the markers of each film are placed anew, and the model takes them for the same
+    assert max(row["p_before"], row["p_after"]) < 1e-6
+    assert row["outcome"] == "refuted"
     run_add(project, say, names=["creep"])
     added = Project.open(project.root, builtin=project.builtin)
     for name in ("steps", "1"):
         run_confirm(added, say, name)
         told = read(added, "confirm", "confirmation.json")["film"]
-        assert told["outcome"] == "confirmed"  # type: ignore[index]
-        assert told["p_after"] == pytest.approx(row["p_after"], rel=0.2)  # type: ignore[index]
-    assert any("so it is confirmed" in line for line in say.lines)
+        assert told["outcome"] == "refuted"  # type: ignore[index]
+    assert any("so it is refuted" in line for line in say.lines)
     with pytest.raises(ValueError, match=r"film 'slow' is not held out, or not measured; wanted one of 1, steps: hold one out"):
         run_confirm(added, say, "slow")
 
