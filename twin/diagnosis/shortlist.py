@@ -282,7 +282,8 @@ class Refits:
         self.task.tell(f"refit with {h.label}", len(self.done) + 1, len(self.done) + 2)
         held = self._held(h)
         refit, judged = self._refitted(held)
-        if _left_nothing(refit) and refit.score is not None and refit.score.near:
+        widest = len(h.effects) == 1 and h.effect.wider() is None and h.effect.wide() is None
+        if _left_nothing(refit) and refit.score is not None and refit.score.near and not widest:
             refit, judged = self._refitted(replace(held, start=refit.start), exact=True)
         self.done.append(refit)
         self.tried.add(h.label)
