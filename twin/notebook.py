@@ -159,6 +159,7 @@ class OpenedProject:
     diagnose = _method("diagnose")
     explain = _method("explain")
     confirm = _method("confirm")
+    confirm = _method("confirm")
     add = _method("add")
     drop = _method("drop")
     predict = _method("predict")

@@ -50,10 +50,9 @@ def run_init(
     deck: Annotated[Path | None, Option(help="your own mesh: Abaqus (mm, N, MPa), Gmsh or VTK")] = None,
     pressure_set: Annotated[str, Option(help="of such a mesh: the group of faces under pressure")] = "",
     clamp_set: Annotated[str, Option(help="of such a mesh: the group of faces that is held")] = "",
-    axes: Annotated[str, Option(help="of such a mesh or recordings: which are x, y, z: --axes=-x,z,y")] = "",
-    unit: Annotated[str, Option(help="of such a mesh: its unit of length, such as m; else mm")] = "",
-    like: Annotated[Path | None, Option(
-        help="project of a former batch on the same rig: its twin.toml is copied")] = None,
+    axes: Annotated[str, Option(help="of meshes and recordings: x, y, z, such as -x,z,y")] = "",
+    unit: Annotated[str, Option(help="of such a mesh: its unit of length; else mm")] = "",
+    like: Annotated[Path | None, Option(help="a batch on the same rig, whose twin.toml is copied")] = None,
     pressure_from: Annotated[str, Option(help="name: --targets is a folder, a file a pressure")] = "",
     hold_out: Annotated[Sequence[str], Option(help="of these: part of a name that no fit may see")] = (),
     density_kg_m3: float | None = None,

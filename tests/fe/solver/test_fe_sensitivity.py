@@ -169,6 +169,7 @@ FIELDS = [
     Line("Layer.surface", of("layer", surface=lambda x: "y1", stiffness=lambda x: 0.05 + x)),
     Line("Layer.stiffness", of("layer", stiffness=lambda x: 0.05 + x)),
     Line("Layer.wound", of("layer", wound=lambda x: x > 0, stiffness=lambda x: LITTLE), h=1.0),
+    Line("Layer.angle", of("layer", wound=lambda x: True, stiffness=lambda x: 0.05, angle=lambda x: 30.0 + 1000 * x)),
     Line("Layer.poisson", of("layer", poisson=lambda x: 0.3 + 10 * x)),
     Line("Case.contact", case(contact=lambda c, x: sided(x, replace(c.contact, stiffness=LITTLE / 100), None)), h=1.0),
     Line("Contact.surface", of("contact", surface=lambda x: "y0"), refused="`contact`"),
