@@ -137,12 +137,12 @@ def test_what_breaks_the_symmetry_of_half_a_finger_has_its_columns_from_all_of_i
     model, tried = Model(test, (Elasticity(),), np.array([0])), [s for s in ALL if s.breaks_symmetry(test)]
     theta = model.theta({"C10": 0.2, "C01": 0.1})
     found = model.tangents(theta, tried)
-    for s in tried:
+    assert all(np.abs(found[s.label][0][0]).max() > 1e-6 for s in tried)
+    for s in tried[::3]:  # each takes two solves of the whole finger
         (column,) = found[s.label][0]
         h = 0.1 * s.parameters[0].step
         changed = Model(whole(test), (Elasticity(), s), np.array([0]))
         a, b = (changed.predict(np.array([0.2, 0.1, way * h])) for way in (1, -1))
-        assert np.abs(column).max() > 1e-6
         np.testing.assert_allclose(column, (a - b) / (2 * h), rtol=0, atol=1e-3 * np.abs(column).max() + 2e-7 / h)
 
 
