@@ -152,22 +152,19 @@ class Task:
         if refits.view is not None and not single.kind:
             signatures = self.signatures(base, self._narrow(), beside=refits.view)
             for h in added(refits.view, single.effects, signatures):
-                pairs[frozenset(h.names)] = replace(h, hint=h.hint + single.evidence)  # from a refit, nearer
-            few = [frozenset(h.names) for h in pairs.values() if self._in_vain(h, single, refits, signatures)]
-            pairs = {names: h for names, h in pairs.items() if names not in few}
+                pairs.pop(frozenset(h.names), None)  # begun from a refit it is nearer
+                if not self._in_vain(h, single.evidence, refits.view, signatures):
+                    pairs[frozenset(h.names)] = replace(h, hint=h.hint + single.evidence)
         return [h for h in pairs.values() if h.hint > single.evidence + PAIRED]
 
-    def _in_vain(self, h: Hypothesis, single: Hypothesis, refits: "Refits", signatures: Signatures) -> bool:
-        """Whether an effect beside the best single one would not be named: it leads by less than SHARE and
-        leaves more than noise."""
-        assert single.evidence is not None
-        assert refits.view is not None
-        ahead = h.hint - single.evidence
-        if single.label not in {e.label for e in h.effects} or not PAIRED < ahead < SHARE * single.evidence:
+    def _in_vain(self, h: Hypothesis, evidence: float, view: Judged, signatures: Signatures) -> bool:
+        """Whether an effect beside the best single one, of this evidence and view, would not be named: it
+        leads by less than SHARE and leaves more than noise."""
+        if not PAIRED < h.hint < SHARE * evidence:
             return False
         beside = h.effects[-1].name  # its label may say at which entry of its grid
         rows = [r for each in signatures.values() for r in each if r.effect.name == beside and not r.note]
-        return not fits(refits.view, self.targets, rows)
+        return not fits(view, self.targets, rows)
 
     def _partners(self, base: Judged, refits: "Refits") -> list[Hypothesis]:
         """Each member of the best pair with every other effect, begun from its own refit: a partner is not
