@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from twin.tablemodel import Label, Length, Name, Position, Positive, TableModel
+from twin.tablemodel import Label, Length, Name, Position, Positive, RelativePath, TableModel
 
 
 class MarkTable(TableModel):
@@ -27,7 +27,35 @@ class MarkerTable(MarkTable):
 
 
 class FrameTable(TableModel):
+    sheet: RelativePath | None = Field(
+        default=None,
+        description="in place of [[frame.markers]]: raw/frame.toml, written by `twin print --frame a4`",
+    )
+    ruler_mm: tuple[Positive, Positive] | None = Field(
+        default=None,
+        description="of a sheet: what its rulers measure, across and upright, mm; left out: the scale may be "
+        "off by 0.5 %",
+    )
+    finger: Literal["right", "left"] = Field(
+        default="right", description="of a sheet: side to which the finger points in the picture"
+    )
+    y_mm: Length | None = Field(
+        default=None, description="of a sheet: its y, mm; left out: that of the finger's side face"
+    )
     markers: tuple[MarkerTable, ...] = Field(default=(), description="markers on the rig")
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        if self.sheet is None and (self.ruler_mm or self.y_mm is not None):
+            raise ValueError(
+                'frame.ruler_mm and frame.y_mm are of a sheet: name it, sheet = "raw/frame.toml"'
+            )
+        if self.sheet is not None and self.markers:
+            raise ValueError(
+                f"frame.sheet = {self.sheet!r} and [[frame.markers]] both say where the frame is: keep one "
+                "of them"
+            )
+        return self
 
 
 class PointTable(MarkTable):

@@ -8,6 +8,7 @@
     report   report.jpg                           report.html of the demo (needs chromium)
     effects  effects/<name>.png, one an effect    a finger of three bellows on a coarse mesh, two minutes
     nodes    nodes.png                            the built-in finger
+    frame    frame.png                            `twin print --frame a4` (needs poppler)
     look     look.png                             `twin look` of a finger with other dimensions
     read     read.png                             `twin look` of a deck of two parts, a second
     explore  explore.png                          `twin explore` as docs/exploring.md has it, two minutes
@@ -345,6 +346,18 @@ def look(demo: Path) -> None:
         _smaller(newest(root, "finger.png"), TO / "look.png", width=850)
 
 
+def frame(demo: Path) -> None:
+    """The sheet of `twin print --frame a4`."""
+    del demo
+    twin = [sys.executable, "-c", "from twin.cli import main; main()"]
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder) / "my-batch"
+        subprocess.run([*twin, "init", str(root)], check=True)
+        subprocess.run([*twin, "print", "--frame", "a4", "-p", str(root)], check=True)
+        sheet, drawn_to = newest(root, "frame.pdf"), str(TO / "frame")
+        subprocess.run(["pdftoppm", "-r", "72", "-png", "-gray", "-singlefile", sheet, drawn_to], check=True)
+
+
 def contact(demo: Path) -> None:
     """What `twin predict --object` draws, but for the interval, of the built-in finger with nominal
     constants."""
@@ -405,7 +418,7 @@ def _outline(points: Array) -> Array:
 PICTURES: dict[str, Callable[[Path], None]] = {
     "review": review, "overlay": overlay, "report": report, "effects": effects, "nodes": nodes,
     "look": look, "read": read, "explore": explore, "pareto": pareto, "protocols": protocols,
-    "contact": contact,
+    "contact": contact, "frame": frame,
 }  # fmt: skip
 
 

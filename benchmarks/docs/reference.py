@@ -68,7 +68,9 @@ WHAT = {
     "import": "Displacements from [another program](files.md#files-of-other-programs); "
     "`twin init --targets` writes this table.",
     "measure": "How well things are known. Every sd is part of the stated error.",
-    "frame.markers": "Markers on the rig.",
+    "frame": "The [printed sheet](your-own-test.md#2-build-the-rig) of markers round the finger; without one "
+    "[[frame.markers]].",
+    "frame.markers": "Markers on the rig, where no sheet has them.",
     "points": "Points on the finger.",
     "dic": "A speckled part of the side face, in place of markers or beside them.",
     "calibrate": "The fit of the material.",

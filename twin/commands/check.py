@@ -16,6 +16,7 @@ from twin.messages import Say
 from twin.project.cameratables import CameraTable
 from twin.project.config import EMBEDDED
 from twin.project.folder import Project
+from twin.project.framesheet import said_of_sheet
 from twin.targets import PointKind, TargetPoint, Targets
 
 
@@ -31,7 +32,7 @@ def check_project(project: Project, say: Say) -> None:
     """Say what is known of a project and its files; ValueError at the first thing that is wrong."""
     say(f"twin.toml is right. Points: {', '.join(point.name for point in project.config.points)}. "
         f"Effects: {', '.join(project.config.model.effects) or 'none'}.")  # fmt: skip
-    for sentence in project.remarks:
+    for sentence in (*project.remarks, *filter(None, [said_of_sheet(project.config)])):
         say(sentence)
     own_deck = project.config.model.deck is not None
     if not own_deck:  # what a deck is not there for can be said before all files are

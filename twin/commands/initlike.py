@@ -69,6 +69,7 @@ def _shared(former: Project) -> list[Path]:
         *calibration_files(former),
         *dictionaries,
         *former.deck_files(),
+        *([former.path(former.config.frame.sheet)] if former.config.frame.sheet else []),
         *former.effect_files(),
         *solved,
     ]

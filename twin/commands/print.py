@@ -41,16 +41,23 @@ class Item:
 
 
 def run_print(
-    project: Project, say: Say, *, paper: Annotated[str, Option(help="a4, letter or a3")] = "a4"
-) -> dict[str, Any]:
-    """print.pdf, unless it is there: the board and every marker of twin.toml."""
-    if paper not in PAPERS:
-        raise ValueError(f"--paper {paper!r}: wanted one of {', '.join(PAPERS)}")
+    project: Project, say: Say, *, paper: Annotated[str, Option(help="a4, letter or a3")] = "a4",
+    frame: Annotated[str, Option(help="instead the sheet for the rig: a4, letter or a3")] = "",
+) -> dict[str, Any]:  # fmt: skip
+    """print.pdf, unless it is there: the board and every marker of twin.toml; with --frame frame.pdf, a sheet
+    of markers round a window for the finger, and raw/frame.toml with their places."""
+    for option, name in (("--paper", paper), ("--frame", frame or paper)):
+        if name not in PAPERS:
+            raise ValueError(f"{option} {name!r}: wanted one of {', '.join(PAPERS)}")
     if not project.config.cameras:
         raise ValueError(
             "twin.toml has no [[cameras]]: there is nothing to print for targets measured elsewhere"
         )
     table = project.config.cameras[0]
+    if frame:
+        from twin.commands.printframe import print_frame
+
+        return print_frame(project, table, say, paper=frame)
     dictionaries = [file for name in _dictionaries(table) for file in dictionary_files(project, name)]
     how: dict[str, Any] = {
         "tables": ("project", "cameras", "frame", "points"), "inputs": dictionaries,
@@ -89,7 +96,8 @@ def _items(project: Project, table: CameraTable) -> list[Item]:
         items.append(_board(project, table))
     config = project.config
     glued = [(point, "finger") for point in config.points if point.seen_mm is None]
-    for mark, role in (*glued, *((marker, marker.role) for marker in config.frame.markers)):
+    cut = () if config.frame.sheet else config.frame.markers  # those of a sheet are on it
+    for mark, role in (*glued, *((marker, marker.role) for marker in cut)):
         what = "dot" if mark.marker is None else f"id {mark.marker}"
         art = mark_kind(mark).artwork(dictionary_name(project, table.dictionary))
         items.append(Item(art, (f"{mark.name}  {what}", f"{role}  {mark.size_mm:g} mm")))
@@ -139,12 +147,7 @@ def _check_fits(item: Item, width: float, height: float, paper: str) -> None:
 def _place(page: Paper, item: Item, x: float, y: float) -> None:
     """Draw an item with its top left corner at (x, y), marks where to cut, and its lines below."""
     art = item.art
-    for layer in art.layers:
-        page.shapes(
-            [(x + a, y + b, w, h) for a, b, w, h in layer.rectangles.tolist()],
-            [(x + a, y + b, r) for a, b, r in layer.circles.tolist()],
-            black=layer.black,
-        )
+    draw_art(page, art, x, y)
     for across, sideways in ((x, -1), (x + art.width, 1)):
         for down, upwards in ((y, -1), (y + art.height, 1)):
             page.line(across + 0.5 * sideways, down, across + CUT * sideways, down)
@@ -153,24 +156,34 @@ def _place(page: Paper, item: Item, x: float, y: float) -> None:
         page.text(x, y + art.height + CUT + (1 + 1.35 * number) * LABEL, line, size=LABEL)
 
 
+def draw_art(page: Paper, art: "Artwork", x: float, y: float) -> None:
+    """Fill the shapes of an artwork whose top left corner lies at (x, y)."""
+    for layer in art.layers:
+        page.shapes(
+            [(x + a, y + b, w, h) for a, b, w, h in layer.rectangles.tolist()],
+            [(x + a, y + b, r) for a, b, r in layer.circles.tolist()],
+            black=layer.black,
+        )
+
+
 def _open_page(sheets: Paper, title: str) -> None:
     """Begin a sheet with its rulers and what to do with them."""
     sheets.new_page()
     foot = sheets.height - MARGIN
-    _ruler(sheets, MARGIN, foot - 8.0, upright=False)
-    _ruler(sheets, sheets.width - MARGIN - 4.0, MARGIN, upright=True)
+    draw_ruler(sheets, MARGIN, foot - 8.0, RULER, upright=False)
+    draw_ruler(sheets, sheets.width - MARGIN - 4.0, MARGIN, RULER, upright=True)
     sheets.text(MARGIN, foot, f"{title}, page {sheets.pages}: print at 100 %, not fitted to the page. "
                 f"Each ruler must measure {RULER:.1f} mm.", size=LABEL)  # fmt: skip
 
 
-def _ruler(page: Paper, x: float, y: float, *, upright: bool) -> None:
-    """Draw a line of RULER mm with a tick at every mm, from (x, y) to the right or down."""
+def draw_ruler(page: Paper, x: float, y: float, length: float, *, upright: bool) -> None:
+    """Draw a line of that length in mm with a tick at every mm, from (x, y) to the right or down."""
 
     def line(start: float, end: float, off: float) -> None:
         ends = ((start, -off), (end, 0.0))
         (a, b), (c, d) = ((v, u) for u, v in ends) if upright else ends
         page.line(x + a, y + b, x + c, y + d)
 
-    line(0.0, RULER, 0.0)
-    for tick in range(int(RULER) + 1):
+    line(0.0, length, 0.0)
+    for tick in range(int(length) + 1):
         line(tick, tick, 4.0 if tick % 10 == 0 else 2.8 if tick % 5 == 0 else 1.8)

@@ -6,5 +6,5 @@ Read `theme` first: the look that all plots share. `plots` draws displacements, 
 quantity over batches, `uncertaintyplots` likelihood profiles, posteriors and predictions. `blueprint` draws
 the finger with its dimensions, `meshpictures` nodes, element shapes and what a deck was read as. `deformed`
 draws the mesh under pressure and writes files for ParaView. `painting` draws models over film, as a still or
-a clip. `canvas` is paper at true scale.
+a clip. `canvas` is paper at true scale, `framepaper` where the rig's markers go on it.
 """

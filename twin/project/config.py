@@ -295,9 +295,13 @@ class Config(TableModel):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        self.check()
+        return self
+
+    def check(self) -> None:
+        """Raise ValueError where the tables do not go together."""
         for check in (_check_names, _check_parameters, _check_film, check_films):
             check(self)
-        return self
 
 
 def usual_objective(points: Sequence[PointTable]) -> tuple[str, ...]:
@@ -411,8 +415,9 @@ def _check_film(c: Config) -> None:
             'pressure is missing: a film needs its pressure log; add [pressure] with file = "..."'
         )
     roles = [str(m.role) for m in c.frame.markers]
+    read = bool(roles) or c.frame.sheet is None  # else the sheet's own are still to be read
     for role, least in (("frame", 6), ("fixed", 4)):
-        if roles.count(role) < least:
+        if read and roles.count(role) < least:
             raise ValueError(
                 f"frame.markers: {roles.count(role)} with role {role!r}, wanted {least} or more; "
                 "mount more markers on the rig, or change their roles"

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from twin import effort, files
 from twin.files import lock
 from twin.project.config import Config
+from twin.project.framesheet import with_sheet
 from twin.project.record import (
     ORIGIN,
     RunExtra,
@@ -134,6 +135,7 @@ class Project:
         config = parse(data, name="twin.toml")
         if not strange:
             check_folder(folder, config)
+            config = with_sheet(config, folder)
         return cls(folder, config, builtin, tuple(former_keys(data)))
 
     @property
@@ -212,7 +214,7 @@ class Project:
         ValueError, and nothing is written, where they are no effects."""
         path = self.root / "twin.toml"
         config = write(path, with_effects(decoded(path.read_bytes()), effects))
-        return replace(self, config=config)
+        return replace(self, config=with_sheet(config, self.root))
 
     # -- runs -----------------------------------------------------------------------------------------
 

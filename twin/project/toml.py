@@ -48,6 +48,8 @@ def dump(config: Config) -> str:
     ]
     for key, (name, _) in keys_of(Config).items():
         value = getattr(config, name)
+        if key == "frame" and not (config.cameras or value.markers):
+            continue  # of a film alone
         if isinstance(value, BaseModel):
             lines += _table(key, value)
         elif value is not None:
@@ -117,6 +119,8 @@ def _table(path: str, table: BaseModel, *, item: int | None = None) -> list[str]
         value = getattr(table, key)
         if isinstance(value, BaseModel):
             inner += _table(f"{path}.{key}", value)
+        elif key == "markers" and getattr(table, "sheet", None) is not None:
+            continue  # they stand in the sheet's file
         elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
             inner += _tables(f"{path}.{key}", value)
         elif value is None and (absent := table_of(type(table), key)) is not None:
