@@ -1,10 +1,10 @@
 """The tables [[points]] and [[frame.markers]] of twin.toml: what is followed on the finger and on the rig."""
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from twin.tablemodel import Label, Length, Name, Position, Positive, RelativePath, TableModel
+from twin.tablemodel import Label, Length, Name, NotNegative, Position, Positive, RelativePath, TableModel
 
 
 class MarkTable(TableModel):
@@ -20,10 +20,13 @@ class MarkTable(TableModel):
 class MarkerTable(MarkTable):
     """A marker on the rig."""
 
-    role: Literal["frame", "fixed"] = Field(
-        description="frame: defines the world axes (6 or more); fixed: must show no motion (4 or more)"
+    role: Literal["frame", "fixed", "clamp"] = Field(
+        description="frame: defines the world axes (6 or more); fixed: must show no motion (4 or more); "
+        "clamp: a fixed one whose place on the finger is known; two or more tell where the finger stands"
     )
-    position_mm: Position = Field(description="position of its centre in world axes, mm")
+    position_mm: Position = Field(
+        description="position of its centre in world axes, mm; of a clamp marker in the axes of the finger"
+    )
 
 
 class FrameTable(TableModel):
@@ -63,23 +66,29 @@ class PointTable(MarkTable):
 
     node: Label | None = Field(
         default=None,
-        description="label of the node in the model; or give position_mm",
+        description="label of the node in the model; or give position_mm, or neither",
     )
     position_mm: Position | None = Field(
         default=None,
-        description="its centre without load, mm; the model takes its nearest place, or node",
+        description="its centre without load, mm; the model takes its nearest place, or node; left out, "
+        "and no node: where the film at rest shows it",
     )
     seen_mm: tuple[Length, Length] | None = Field(
         default=None,
         description="x and z of a natural feature in the first picture, mm; `twin pick` writes it",
     )
 
+    @property
+    def is_measured(self) -> bool:
+        """True where the film at rest tells its place."""
+        return self.node is None and self.position_mm is None
+
     @model_validator(mode="after")
     def _placed(self) -> Self:
-        if self.node is None and self.position_mm is None:
+        if self.is_measured and self.marker is None and self.seen_mm is None:
             raise ValueError(
                 f"points.{self.name}: where it is on the finger is not stated; wanted position_mm = [x, y, "
-                "z] in mm, or the label of a node, node = 4401"
+                "z] in mm, or the label of a node, node = 4401; the film tells it of a coded marker"
             )
         if self.seen_mm is not None and self.marker is not None:
             raise ValueError(
@@ -87,3 +96,15 @@ class PointTable(MarkTable):
                 "for a natural feature without a marker"
             )
         return self
+
+
+class PoseTable(TableModel):
+    """Where the body stands in the axes of the frame markers."""
+
+    x_mm: Length = Field(default=0.0, description="x of the middle of the clamped end's bottom, mm")
+    z_mm: Length = Field(default=0.0, description="z of it, mm")
+    turn_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
+        default=0.0, description="turn of the finger from x towards z, degrees; - where it points down"
+    )
+    sd_mm: NotNegative = Field(default=0.3, description="error of x and of z, mm")
+    turn_sd_deg: NotNegative = Field(default=0.3, description="error of the turn, degrees")

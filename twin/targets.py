@@ -34,13 +34,15 @@ class TargetPoint:
     """A measured point: its name, what it is in the model, and where.
 
     node: label in the mesh, of kind NODE only.   position (3,) mm, stress-free; None: not stated, the node's
-    own. A PLACE must state it.
+    own. A PLACE must state it.   rest (3,) mm: where it is seen at rest, which tells the material point of a
+    model that has weight; None: its position is stated.
     """
 
     name: str
     kind: PointKind
     node: int | None = None
     position: tuple[float, float, float] | None = None
+    rest: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         if (self.node is not None) != (self.kind is PointKind.NODE):

@@ -10,7 +10,7 @@ from vision.camera import Array, Image
 from vision.dictionaries import dictionary_of
 from vision.kinds import CodedMarker, MarkKind, PlainDot, TexturePatch
 
-ROLES = ("frame", "fixed", "finger")
+ROLES = ("frame", "fixed", "clamp", "finger")
 FEW = 4  # markers, below which the picture may be one of inverted markers
 # Of OpenCV's detector, for small markers: noise near the threshold joins no edges, cells are read from their
 # middles, and the white border may end at the picture's edge.
@@ -25,8 +25,11 @@ class Mark:
     name: str
     kind: MarkKind  # `CodedMarker(code, size_mm)`, `PlainDot(size_mm)`, `TexturePatch(size_mm, ...)`
     position: tuple[float, float, float]  # mm, nominal centre at rest, world frame
-    role: str  # "frame" carries the homography, "fixed" is data with u = 0, "finger" moves
+    # "frame" carries the homography, "fixed" is data with u = 0, "clamp" is one whose place on the body is
+    # stated, "finger" moves
+    role: str
     group: str = ""  # marks of one group are off their places alike, as the points of one face are
+    measured: bool = False  # x and z of its position are what the film at rest shows, NaN until then
 
     @property
     def size_mm(self) -> float:
@@ -45,9 +48,9 @@ def rows_of(marks: Sequence[Mark]) -> tuple[list[int], list[int]]:
     >>> from vision.kinds import CodedMarker
     >>> marks = [Mark(f"m{i}", CodedMarker(i, 9.0), (0.0, 0.0, 0.0), role) for i, role in enumerate(ROLES)]
     >>> rows_of(marks)
-    ([0], [1, 2])
+    ([0], [1, 2, 3])
     >>> codes_of(marks)
-    {0: 0, 1: 1, 2: 2}
+    {0: 0, 1: 1, 2: 2, 3: 3}
     """
     frame = with_role(marks, "frame")
     return frame, [p for p in range(len(marks)) if p not in frame]

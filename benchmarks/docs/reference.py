@@ -71,6 +71,8 @@ WHAT = {
     "frame": "The [printed sheet](your-own-test.md#2-build-the-rig) of markers round the finger; without one "
     "[[frame.markers]].",
     "frame.markers": "Markers on the rig, where no sheet has them.",
+    "pose": "Where the finger stands in the axes of the frame markers. Left out with stated places: they are "
+    "measured from the clamp on, and define the axes.",
     "points": "Points on the finger.",
     "dic": "A speckled part of the side face, in place of markers or beside them.",
     "calibrate": "The fit of the material.",

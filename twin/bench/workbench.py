@@ -12,7 +12,7 @@ from twin.bench.priors import TAILS, known_values
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
 from twin.calibrated.caches import Store
-from twin.calibrated.positions import PlacedPoint, fault_of, on_structure, placed
+from twin.calibrated.positions import PlacedPoint, fault_of, on_structure, placed, seen_at_rest
 from twin.calibrated.problem import BEYOND, CalibrationProblem, Carried
 from twin.coupons.pulltest import pull_tests
 from twin.effects.material import Elasticity
@@ -63,8 +63,9 @@ class Workbench(CalibrationProblem):
         ValueError for unknown nodes or fixed parameters of no use."""
         structure = structure_of(project)
         elasticity = elasticity_of(project, structure.nominal)
+        stated = seen_at_rest(project.targets(), structure, mirrored=one_side(project))
         targets, remarks = on_structure(
-            project.targets(), places_of(project, structure), structure.case, name="targets",
+            stated, places_of(project, structure), structure.case, name="targets",
             wanted="position_mm = [x, y, z] in mm or the label of a node: add it under "
             "[[points]] in twin.toml", bends_down=bends_down(project), mirrored=one_side(project),
         )  # fmt: skip

@@ -9,12 +9,15 @@ import numpy as np
 from fe import Case
 from fe.mesh.points import nearest, nearest_on_faces
 from twin.calibrated.problem import CalibrationProblem
+from twin.gravity import is_heavy
 from twin.marktables import PointTable
 from twin.model.structure import Structure
 from twin.sanity import motion_fault, on_model_side, place_fault, rise_fault
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
 
 OFF_MODEL_MM = 0.5
+SAGS = 0.3  # of its distance from the clamp that a heavy finger's marker may hang below its place
+BENEATH, STRAIGHT_MM = 30, 1e-3  # steps to the place beneath a marker, and how exact it is
 ON_FINGER_MM = 3.0  # from the surface at most: room for a tag's thickness and for a rough reading
 
 
@@ -47,7 +50,11 @@ def placed(
 ) -> dict[str, PlacedPoint]:
     """The places of the points without a node, by name. ValueError where one is further than ON_FINGER_MM
     from the surface. mirrored: whether a point at y < 0 of half a body stands for its mirror image."""
-    return {p.name: _place(p, structure, mirrored=mirrored) for p in points if p.node is None}
+    return {
+        p.name: _place(p, structure, mirrored=mirrored)
+        for p in points
+        if p.node is None and p.position_mm is not None
+    }
 
 
 def check_points(points: Iterable[PointTable], structure: Structure, *, mirrored: bool = False) -> None:
@@ -99,6 +106,45 @@ def _place(point: PointTable, structure: Structure, *, mirrored: bool = False) -
             "from the bottom; `twin look` shows them), or the finger's dimensions"
         )
     return place
+
+
+def side_of(structure: Structure) -> float:
+    """The y in mm of the side face of a structure: the outermost of its surface towards +y."""
+    return float(structure.case.nodes[np.unique(structure.outside), 1].max())
+
+
+def seen_at_rest(targets: Targets, structure: Structure, *, mirrored: bool) -> Targets:
+    """Targets whose points that the film at rest shows lie on the side face there. ValueError where one is
+    further than ON_FINGER_MM from the face, of a finger that has weight so far that no sag explains it."""
+    return replace(targets, points=tuple(_seen(p, structure, mirrored) for p in targets.points))
+
+
+def _seen(point: TargetPoint, structure: Structure, mirrored: bool) -> TargetPoint:
+    if point.rest is None:
+        return point
+    case = structure.case
+    rest = on_model_side(np.array(point.rest), case, mirrored=mirrored)
+    place = beneath(structure, rest)
+    away = float(np.hypot(*(place - rest)[[0, 2]]))
+    if away > ON_FINGER_MM + (SAGS * abs(rest[0]) if is_heavy(case) else 0.0):
+        raise ValueError(
+            f"points.{point.name}: the film at rest shows it at x = {rest[0]:.1f}, z = {rest[2]:.1f} mm, "
+            f"{away:.1f} mm beside the finger; wanted at most {ON_FINGER_MM:g} mm: does the finger sag under "
+            "its weight (density_kg_m3 and gravity of [model]), or stand elsewhere in the frame ([pose])? "
+            "Else state its position_mm"
+        )
+    return replace(point, position=as_position(place), rest=as_position(rest))
+
+
+def beneath(structure: Structure, x: Array) -> Array:
+    """The place (3,) mm on the surface right beneath x (3,) mm, along y; the nearest one beside the face."""
+    case, place = structure.case, np.array(x, float)
+    for _ in range(BENEATH):
+        near = nearest_on_faces(case.element, case.nodes[structure.outside], place)
+        if np.hypot(*(near - x)[[0, 2]]) < STRAIGHT_MM:
+            break
+        place = np.array([x[0], near[1], x[2]])
+    return near
 
 
 def on_structure(

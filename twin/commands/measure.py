@@ -244,7 +244,7 @@ def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
     def moved() -> "Displacements":
         return measure(
             views, marks_of(project), reference=settings.reference_s, rig=rig, face=face_of(project),
-            dictionary=dictionary_name(project, table.dictionary), stated=stated_of(settings),
+            dictionary=dictionary_name(project, table.dictionary), stated=stated_of(project),
             steps=settings.steps, progress=say.progress, keeper=FollowedFiles(run.folder),
         )  # fmt: skip
 

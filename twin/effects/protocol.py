@@ -86,10 +86,20 @@ class Perturbation:
     course: Array
 
 
+@dataclass(frozen=True, eq=False)
+class SeenAtRest:
+    """Places (p, 3) mm at rest that tell material points, NaN where these are stated, and the outputs (r,) at
+    which they were seen."""
+
+    places: Array
+    steps: Any
+
+
 @dataclass(frozen=True)
 class Test:
     """All that a prediction needs: a case, a pressure path, and material points (p, 3) mm that may move or
-    not, with names, and that may slip; and what perturbs it beside."""
+    not, with names, and that may slip; what perturbs it beside; and where points are seen at rest, if that
+    tells which they are."""
 
     __test__ = False  # the name is the field's word; pytest must not collect it
 
@@ -100,6 +110,7 @@ class Test:
     names: tuple[str, ...] = ()  # (p,) of the points, where they have any
     slips: tuple[Slip, ...] = ()
     perturbations: tuple[Perturbation, ...] = ()
+    rest: SeenAtRest | None = None
 
     @property
     def markers(self) -> tuple[str, ...]:

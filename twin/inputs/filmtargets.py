@@ -1,6 +1,7 @@
 """Displacements of a film and the pressure log -> targets on the log's clock."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,8 +89,12 @@ def said_of_readout(targets: Targets, readout_ms: float | None) -> tuple[str, ..
 
 def _target_points(moved: "Displacements", nodes: Mapping[str, int]) -> tuple[TargetPoint, ...]:
     """The target point of every measured one: at its node, at its place on the face, or fixed."""
-    rows = zip(moved.names, moved.roles, moved.points, strict=True)
-    return tuple(_target_point(name, role, as_position(place), nodes.get(name)) for name, role, place in rows)
+    rows = zip(moved.names, moved.roles, moved.points, moved.measured, strict=True)
+    return tuple(
+        replace(point, rest=point.position) if measured else point
+        for name, role, place, measured in rows
+        for point in [_target_point(name, role, as_position(place), nodes.get(name))]
+    )
 
 
 def _target_point(

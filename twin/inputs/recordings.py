@@ -1,6 +1,7 @@
 """The recordings of a project: films with their cameras, markers, the speckled face, the pressure log, and
 displacements that another program measured."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +23,9 @@ from twin.gauge.pressurelog import (
 from twin.gauge.pressuretable import PressureTable
 from twin.gauge.pressureunits import Line
 from twin.inputs.cameras import camera_table, dictionary_files, stored_cameras, stored_rig
-from twin.marktables import MarkTable, PointTable
+from twin.marktables import MarkTable, PointTable, PoseTable
 from twin.messages import Say
-from twin.project.cameratables import CameraTable, MeasureTable
+from twin.project.cameratables import CameraTable
 from twin.project.folder import Project
 from twin.targets import Array, Targets
 
@@ -58,7 +59,7 @@ def measure_inputs(project: Project, camera: Path) -> dict[str, Any]:
     if project.config.measure.corrections is not None:
         named.append(("measure.corrections", project.config.measure.corrections))
     inputs = [path for key, pattern in named for path in recorded(project, key, pattern)]
-    tables = ("cameras", "pressure", "measure", "frame", "points", "dic")
+    tables = ("cameras", "pressure", "measure", "frame", "pose", "points", "dic")
     extra = [*dictionary_files(project, camera_table(project).dictionary), *project.deck_files()]
     return {"tables": tables, "inputs": [*inputs, camera, *extra]}
 
@@ -78,15 +79,17 @@ def recorded(project: Project, key: str, pattern: str) -> list[Path]:
 
 
 def marks_of(project: Project) -> list["Mark"]:
-    """Every marker with the centre that twin.toml states, (3,) mm: those of the frame, and the finger's; of
-    a point that states none, its node's. ValueError where a stated one lies far from the finger."""
+    """Every marker with the centre that twin.toml states, (3,) mm in the axes of the finger: those of the
+    frame, and the finger's; of a point that states none, its node's, or, without a node, on the side face,
+    measured. ValueError where a stated one lies far from the finger."""
     from twin.bench.workbench import one_side, places_of, structure_of
-    from twin.calibrated.positions import position_of
+    from twin.calibrated.positions import position_of, side_of
     from vision import Mark
+    from vision.placing.restplaces import BodyPose
 
     marks = [Mark(m.name, mark_kind(m), m.position_mm, m.role) for m in project.config.frame.markers]
     structure = None
-    if not all(p.node and p.position_mm for p in project.config.points):
+    if not all(p.node and p.position_mm for p in project.config.points):  # their places, or their side
         structure = structure_of(project)
         places_of(project, structure)
     behind = one_side(project) and np.mean([m.position[1] for m in marks if m.role == "frame"]) < 0.0
@@ -94,10 +97,13 @@ def marks_of(project: Project) -> list["Mark"]:
         position = point.position_mm  # a fact of the rig: the model's own place is for the model alone
         if position is None:
             assert structure is not None
-            x, y, z = (float(v) for v in position_of(point, structure))
+            x, y, z = math.nan, side_of(structure), math.nan
+            if not point.is_measured:
+                x, y, z = (float(v) for v in position_of(point, structure))
             position = (x, -abs(y) if behind else y, z)  # on the side that the camera sees
-        marks.append(Mark(point.name, mark_kind(point), position, "finger"))
-    return marks
+        marks.append(Mark(point.name, mark_kind(point), position, "finger", measured=point.is_measured))
+    pose = project.config.pose or PoseTable()
+    return BodyPose(pose.x_mm, pose.z_mm, math.radians(pose.turn_deg)).in_body(marks)
 
 
 def mark_kind(mark: MarkTable) -> "MarkKind":
@@ -191,11 +197,18 @@ def face_of(project: Project) -> "Face | None":
     return None if d is None else Face(d.low_mm, d.high_mm, d.y_mm, d.step_mm, d.subset_mm)
 
 
-def stated_of(settings: MeasureTable) -> "Stated":
-    """Stated uncertainties of the rig."""
+def stated_of(project: Project) -> "Stated":
+    """Stated uncertainties of the rig. Where the finger stands has errors where places are measured, or where
+    twin.toml states it: places that are stated from the clamp on define the axes."""
     from vision import Stated
 
+    settings, pose = project.config.measure, project.config.pose
+    if pose is None and any(point.is_measured for point in project.config.points):
+        pose = PoseTable()
+    sds = (pose.sd_mm, pose.sd_mm, math.radians(pose.turn_sd_deg)) if pose else ()
+    errors = tuple((sd * (k == 0), sd * (k == 1), sd * (k == 2)) for k, sd in enumerate(sds) if sd)
     return Stated(
+        place_mm=settings.place_sd_mm, pose=errors,
         placement_mm=settings.placement_sd_mm, scale=settings.scale_sd, frame_mm=settings.frame_sd_mm,
         node_mm=settings.node_sd_mm, height_mm=settings.height_sd_mm,
         out_of_plane_mm=settings.out_of_plane_sd_mm,

@@ -12,7 +12,7 @@ import numpy as np
 
 from fe import Case, Path, Solution
 from twin.effects.material import Elasticity
-from twin.effects.protocol import Effect, Order, Test
+from twin.effects.protocol import Effect, Order, SeenAtRest, Test
 from twin.gravity import of_targets, pulls_of, shares_of
 from twin.model.discretisation import Discretisation
 from twin.model.prediction import Model, Solved
@@ -95,7 +95,12 @@ def base_test(targets: Targets, case: Case) -> Test:
         targets.log_time, targets.log_pressure, targets.time, gravity=of_targets(targets), places=places,
         pulls=pulls, chambers=chambers, shares=shares,
     )  # fmt: skip
-    return Test(case, path, np.nan_to_num(points), moving, targets.names)
+    rest = None
+    if any(point.rest for point in targets.points):
+        first = targets.rests[targets.reference] == targets.rests[targets.reference[0]]
+        places = np.array([point.rest or (np.nan,) * 3 for point in targets.points])
+        rest = SeenAtRest(places, targets.reference[first])
+    return Test(case, path, np.nan_to_num(points), moving, targets.names, rest=rest)
 
 
 def base_model(targets: Targets, case: Case, *, elasticity: Elasticity | None = None) -> KeptModel:

@@ -20,6 +20,7 @@ from twin.laws.law import RubberLaw
 from twin.laws.stability import STRETCH, steadiness
 from twin.model.discretisation import Discretisation
 from twin.model.firstorder import Known, Paced, directions, paced, perturbed, slipped
+from twin.model.sagged import material_points, moved_along
 from twin.targets import Array, relative
 
 STEP = 1e-6  # of a parameter's typical size, for differencing the effects' maps
@@ -421,7 +422,7 @@ def moved(test: Test, solution: Solution) -> Array:
     """Displacements (s, p, 3) mm of a test's points in its solution, before any correction and effect."""
     u = np.zeros((len(test.path.output), len(test.points), 3))
     displacements = partial(perturbed, test, solution)
-    u[:, test.moving] = displacements(test.points[test.moving])
+    u[:, test.moving] = displacements(material_points(test, displacements))
     return u + slipped(test, displacements) if test.slips else u
 
 
@@ -456,7 +457,9 @@ def varied(test: Test, solution: Solution, variations: Sequence[Variation]) -> A
     def derivatives(points: Array) -> Array:
         return paced(solution.variations_at(points)[:count], variations)
 
-    du[:, :, test.moving] = derivatives(test.points[test.moving])
+    displacements = partial(perturbed, test, solution)
+    points = material_points(test, displacements)
+    du[:, :, test.moving] = moved_along(test, points, displacements, derivatives(points))
     return du + slipped(test, derivatives, rigid=False) if test.slips else du
 
 

@@ -158,7 +158,12 @@ class FilmTable(TableModel):
 
 
 class MeasureTable(TableModel):
-    placement_sd_mm: SdMm = Field(default=0.3, description="distance of a marker from its node, mm")
+    placement_sd_mm: SdMm = Field(
+        default=0.3, description="distance of a marker from its stated place or node, mm"
+    )
+    place_sd_mm: SdMm = Field(
+        default=0.02, description="what is left of that where the film measures its place, mm"
+    )
     scale_sd: Share = Field(default=0.001, description="relative error of the mm scale")
     frame_sd_mm: SdMm = Field(
         default=0.1, description="distance of a frame marker from its stated position, mm"

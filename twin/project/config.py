@@ -19,7 +19,7 @@ from twin.gauge.pressuretable import PressureTable
 from twin.laws.catalogue import LAWS, named_law
 from twin.laws.law import RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
-from twin.marktables import FrameTable, MarkTable, PointTable
+from twin.marktables import FrameTable, MarkTable, PointTable, PoseTable
 from twin.project.cameratables import CameraTable, DicTable, FilmTable, MeasureTable
 from twin.project.targetschema import shares_by_surface
 from twin.tablemodel import (
@@ -270,6 +270,7 @@ class Config(TableModel):
     imported: ImportTable | None = Field(default=None, alias="import")
     measure: MeasureTable = MeasureTable()
     frame: FrameTable = FrameTable()
+    pose: PoseTable | None = None
     points: tuple[PointTable, ...] = Field(min_length=1)
     dic: DicTable | None = None
     calibrate: CalibrateTable = CalibrateTable()
@@ -403,6 +404,12 @@ def _check_priors(priors: dict[str, tuple[float, float]]) -> None:
 
 
 def _check_film(c: Config) -> None:
+    if measured := [point.name for point in c.points if point.is_measured and len(c.cameras) != 1]:
+        raise ValueError(
+            f"points.{measured[0]}: where it is on the finger is not stated; wanted position_mm = [x, y, z] "
+            "in mm, or the label of a node, node = 4401; the film of one camera tells it, here are "
+            f"{len(c.cameras)}"
+        )
     if not c.cameras:
         return
     if c.imported is not None:
@@ -415,6 +422,12 @@ def _check_film(c: Config) -> None:
             'pressure is missing: a film needs its pressure log; add [pressure] with file = "..."'
         )
     roles = [str(m.role) for m in c.frame.markers]
+    if "clamp" in roles and (c.pose is not None or roles.count("clamp") < 2):
+        raise ValueError(
+            f'frame.markers: {roles.count("clamp")} with role "clamp"{" and [pose]" if c.pose else ""}; '
+            "wanted two or more, which tell where the finger stands, or [pose], which states it"
+        )
+    roles = ["fixed" if role == "clamp" else role for role in roles]
     read = bool(roles) or c.frame.sheet is None  # else the sheet's own are still to be read
     for role, least in (("frame", 6), ("fixed", 4)):
         if read and roles.count(role) < least:

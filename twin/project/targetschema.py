@@ -117,6 +117,9 @@ class TargetMark(TableModel):
     )
     node: int | None = Field(default=None, le=10**9, description="label of its node in the mesh")
     position_mm: Position | None = Field(default=None, description="where it is without load, mm")
+    rest_mm: Position | None = Field(
+        default=None, description="of a place: where the film at rest shows it, which then counts"
+    )
 
     @model_validator(mode="after")
     def _placed(self) -> Self:
@@ -232,7 +235,7 @@ def _load_table(load: Load) -> LoadTable:
 
 def _point_table(point: TargetPoint) -> TargetMark:
     role = "" if point.kind is PointKind.UNKNOWN else point.kind.value
-    keys = {"role": role, "node": point.node, "position_mm": point.position}
+    keys = {"role": role, "node": point.node, "position_mm": point.position, "rest_mm": point.rest}
     return TargetMark(name=point.name, **_stated(keys))
 
 
@@ -302,7 +305,7 @@ def _point(path: Path, row: TargetMark, project_node: int | None) -> TargetPoint
     node = project_node if node is None else node
     if kind is PointKind.UNKNOWN and node is None and re.fullmatch("[0-9]{1,18}", name):
         node = int(name)
-    return TargetPoint(name, kind if node is None else PointKind.NODE, node, row.position_mm)
+    return TargetPoint(name, kind if node is None else PointKind.NODE, node, row.position_mm, row.rest_mm)
 
 
 def _block_fields(path: Path, about: TargetsTable, steps: Blocks, labels: list[int]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from vision.plane import MIN_VISIBLE, homographies, to_plane
 SIZE_SD = 0.005  # of a mark's side, relative: its print, and its corners in one picture
 CLEAR = 3.0  # sds
 LEAST_MM = 3.0  # off the stated height
-ALONG_MM, ALONG_SDS = 1.5, 5.0  # along the finger, and so many sds of how a mark is placed
+STANDS_MM = 0.3  # how well the finger is set up along the frame
 ACROSS_MM, SHARE = 3.0, 0.12  # off the line of the others; of the largest sag, beside that
 FIXED_MM = 5.0  # off the stated place: more than a ruler's error in any frame marker moves it
 SHORTENS = 1.2  # times square of the sag over the distance: more than any bent line is drawn back at its end
@@ -70,15 +70,20 @@ def _of_plane(height: float) -> str:
 
 
 def _places(marks: Sequence[Mark], place: Array, nominal: Array, sd_mm: float) -> tuple[str, ...]:
-    """Sentences on marks of the finger that are not glued where they are stated; a sag at rest is none."""
-    rows = [p for p in codes_of(marks) if marks[p].role == "finger" and np.isfinite(place[p, 0])]
+    """Sentences on marks of the finger that are not glued where they are stated; a sag at rest is none, and
+    what is measured is nowhere else."""
+    rows = [
+        p
+        for p in codes_of(marks)
+        if marks[p].role == "finger" and not marks[p].measured and np.isfinite(place[p, 0])
+    ]
     if not rows:
         return ()
     away, along = place[rows] - nominal[rows], np.maximum(np.abs(nominal[rows, 0]), 1.0)
     back = SHORTENS * away[:, 1] ** 2 / along
     off = np.where(away[:, 0] > 0, away[:, 0], np.maximum(-away[:, 0] - back, 0.0))
     beside = _off_line(along, away[:, 1])
-    odd = (off > max(ALONG_MM, ALONG_SDS * sd_mm)) | (beside > ACROSS_MM + SHARE * np.abs(away[:, 1]).max())
+    odd = (off > CLEAR * np.hypot(sd_mm, STANDS_MM)) | (beside > ACROSS_MM + SHARE * np.abs(away[:, 1]).max())
     return tuple(_sentence(marks[p].name, place[p], nominal[p]) for p in np.array(rows)[odd])
 
 

@@ -32,6 +32,7 @@ SOURCES = {
     "height": "the markers' distances from the plane measured",
     "placement": "markers placed with a jig, or their places measured (placement_sd_mm)",
     "node": "points measured where they are on the finger (node_sd_mm)",
+    "pose": "markers on the clamp, or the finger's place in the frame measured ([pose])",
     "sync": "one clock, or a flash in the film",
     "readout": "a camera with a global shutter, or a mode that reads faster (readout_ms)",
     "camera_clock": "one trigger for all cameras",
@@ -59,6 +60,8 @@ class Observed:
     rest: Array  # (t,p,2|3) mm, places in the static film
     noise: NoiseModel  # from the static film, (p,3)
     turns: Array  # (s,p) rad of the finger at each mark
+    slope: Array  # (s,p,2,2) of the displacement by the material point
+    place: Array  # (p,2) mm, mean over the reference
     rotation: Array  # (t,m) rad of all marks in all frames
     state: NDArray[np.int8]  # (s,p) of each patch, from `staticnoise.states`
     variance: Mapping[str, Array]  # source to (s,p,3) mm2, independent parts without coding
@@ -92,6 +95,7 @@ class Placed:
 def with_errors(observed: Observed, stated: Stated) -> Placed:
     """Displacements with every independent variance and every shared error, for any number of cameras."""
     value, marks, turns, frame = observed.value, observed.marks, observed.turns, observed.frame
+    slope, place = measured_alone(observed.slope, marks), observed.place
     frame_mm, doubted = sharederrors.frame_sd(
         frame.residual, frame.names, stated.frame_mm,
         fitted=frame.fitted, noise=frame.noise, advice=frame.advice,
@@ -106,9 +110,10 @@ def with_errors(observed: Observed, stated: Stated) -> Placed:
         rest=observed.rest,
         variance={**observed.variance, "codec": coding_sd**2},
         modes=[
-            sharederrors.scale(value, stated.scale),
+            sharederrors.scale(value, stated.scale, sharederrors.of_places(slope, place)),
             sharederrors.placement(value, marks, turns, stated.placement_mm),
-            sharederrors.node(value, marks, turns, stated.node_mm),
+            sharederrors.node(value, marks, observed.slope, stated.node_mm, stated.place_mm),
+            sharederrors.pose(value, place, slope, stated.pose),
             frame.modes(frame_mm),
             sharederrors.reference_mode(value, marks, observed.reference_sd, observed.reference_shared),
             *observed.modes,
@@ -120,3 +125,8 @@ def with_errors(observed: Observed, stated: Stated) -> Placed:
         remarks=(*doubted, *observed.remarks),
         notes=(*unshared, *observed.notes),
     )
+
+
+def measured_alone(slope: Array, marks: Sequence[Mark]) -> Array:
+    """Slopes (s,p,2,2) of the marks whose places the film shows, 0 for those whose places are stated."""
+    return np.asarray(slope * np.array([mark.measured for mark in marks])[:, None, None], float)

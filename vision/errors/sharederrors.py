@@ -33,52 +33,86 @@ class Stated:
     """Stated accuracy of the rig, 1 sd each."""
 
     placement_mm: float = 0.3  # mm, a finger mark's centre from its nominal place, each axis
+    place_mm: float = 0.02  # mm, its material point from the place that the film at rest shows, each axis
     scale: float = 0.001  # relative, all lengths together
     frame_mm: float = 0.1  # mm, a frame mark's centre from its nominal place, each axis
     node_mm: float = 0.1  # mm, the material point at a nominal place from the model's, each axis
     height_mm: float = 0.3  # mm, a finger mark's distance from the frame marks' plane (its y)
     out_of_plane_mm: float = 0.3  # mm, a finger mark's motion towards the camera at its largest displacement
+    # where the body stands in the frame, one row (x mm, z mm, turn rad from x towards z) for each error
+    pose: tuple[tuple[float, float, float], ...] = ()
 
 
-def scale(value: Array, sd: float) -> Named:
+def scale(value: Array, sd: float, of_place: Array | None = None) -> Named:
     """All lengths wrong by one factor: displacements (s,p,3) mm times its sd.
+
+    of_place: (s,p,2) mm, what measured places that are off by their own length add.
 
     >>> scale(np.array([[[10.0, 0.0, -20.0]]]), 0.001)
     {'scale': array([[[ 0.01,  0.  , -0.02]]])}
     """
-    return {"scale": value * sd}
+    return {"scale": (value if of_place is None else value + with_zero_y(of_place)) * sd}
 
 
 def placement(value: Array, marks: Sequence[Mark], turns: Array, sd: float) -> Named:
-    """Tags glued off their nominal place by sd mm: the offset d turns with the tag, u errs by (R - 1) d.
+    """Tags glued off their stated place by sd mm: the offset d turns with the tag, u errs by (R - 1) d.
 
     turns: (s,p) rad from x towards z.
     """
     modes: dict[str, Array] = {}
-    for p in with_role(marks, "finger"):
+    for p in (p for p in with_role(marks, "finger") if not marks[p].measured):
         for axis, field in zip("xz", _turned(turns[:, p]), strict=True):
             _add(modes, f"placement:{marks[p].owner}:{axis}", value, p, sd * field)
     return modes
 
 
-def node(value: Array, marks: Sequence[Mark], turns: Array, sd: float) -> Named:
-    """Material points that are not the model's by sd mm: u errs by (du/dx) d along the finger, (R - 1) d
-    across it.
-
-    du/dx is the chord between the neighbouring finger marks, stretch included; without one, the turn's.
-    turns: (s,p) rad.
-    """
+def node(value: Array, marks: Sequence[Mark], slope: Array, sd: float, measured_sd: float) -> Named:
+    """Material points that are not the model's by sd mm, by measured_sd where the film shows their place: u
+    errs by (du/dx) d along the finger, (du/dz) d across it.   slope: (s,p,2,2) from `slopes`."""
     modes: dict[str, Array] = {}
+    for p in with_role(marks, "finger"):
+        size = measured_sd if marks[p].measured else sd
+        for k, axis in enumerate("xz"):
+            _add(modes, f"node:{marks[p].owner}:{axis}", value, p, size * slope[:, p, :, k])
+    return modes
+
+
+def slopes(value: Array, marks: Sequence[Mark], turns: Array) -> Array:
+    """Slopes (s,p,2,2) of the displacement's x and z by the material point's x and z; 0 off the finger.
+
+    Along the finger it is the chord between the neighbouring finger marks, stretch included; without one, and
+    across the finger, that of the turn (s,p) rad, R - 1.
+    """
+    out = np.zeros((*turns.shape, 2, 2))
     points, finger = np.array([mark.position for mark in marks]), with_role(marks, "finger")
     for p in finger:
-        along, across = _turned(turns[:, p])
+        along, out[:, p, :, 1] = _turned(turns[:, p])
         a, b = _beside(points, finger, p)
         if points[b, 0] > points[a, 0]:
             chord = (value[:, b] - value[:, a])[:, [0, 2]] / (points[b, 0] - points[a, 0])
             along = np.where(np.isfinite(chord), chord, along)
-        _add(modes, f"node:{marks[p].owner}:x", value, p, sd * along)
-        _add(modes, f"node:{marks[p].owner}:z", value, p, sd * across)
-    return modes
+        out[:, p, :, 0] = along
+    return out
+
+
+def of_places(slope: Array, error: Array) -> Array:
+    """Errors (...,s,p,2) mm that errors (...,p,2) mm of measured places make: a model that is asked error mm
+    further moves by slope times it more.   slope: (s,p,2,2), 0 where the place is stated."""
+    return -np.einsum("spij,...pj->...spi", slope, error)
+
+
+def pose(value: Array, places: Array, slope: Array, errors: Sequence[Sequence[float]]) -> Named:
+    """The body stands elsewhere in the frame than stated: displacements turn by as much, and measured places
+    (p,2) mm are off by a rigid motion.   errors: rows (x mm, z mm, turn rad), 1 sd each; turn from x to z.
+
+    >>> pose(np.array([[[1.0, 0, 2]]]), np.zeros((1, 2)), np.zeros((1, 1, 2, 2)), [(0.0, 0.0, 0.01)])
+    {'pose:1': array([[[-0.02,  0.  ,  0.01]]])}
+    """
+    turned, about = (x @ np.array([[0.0, 1.0], [-1.0, 0.0]]) for x in (value[..., [0, 2]], places))
+    return {
+        f"pose:{k + 1}": with_zero_y(turn * turned + of_places(slope, turn * about + np.array([x, z])))
+        for k, (x, z, turn) in enumerate(errors)
+    }
 
 
 def _beside(points: Array, finger: Sequence[int], p: int) -> tuple[int, int]:
@@ -180,17 +214,20 @@ def _runs(held: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edge.reshape(-1, 2) if b - a >= MIN_HOLD]
 
 
-def frame(shift: Array, rest: NDArray[np.intp], sd: float) -> Named:
-    """Frame marks off their nominal places by sd mm: the frame they span is wrong, the same in all steps.
+def frame(shift: Array, rest: NDArray[np.intp], slope: Array, sd: float) -> Named:
+    """Frame marks off their nominal places by sd mm: the frame they span is wrong, the same in all steps, and
+    with it the places that are measured at rest.
 
     shift: (2f,s,p,2) mm of places for each of them 1 mm off, from `vision.plane.misplaced`.
-    rest: (r,) steps of the reference, whose shift is subtracted like their places.
+    rest: (r,) steps of the reference, whose shift is subtracted like their places.   slope: (s,p,2,2) of
+    measured places, as in `of_places`.
 
     Only six combinations of them are seen while all frame marks are (an affine map and two perspective
     terms); the orthogonal ones that matter are returned, the largest first.
     """
     count = np.maximum(np.isfinite(shift[:, rest]).sum(axis=1), 1)
-    moved = shift - (np.nansum(shift[:, rest], axis=1) / count)[:, None]
+    at_rest = np.nansum(shift[:, rest], axis=1) / count
+    moved = shift - at_rest[:, None] + of_places(slope, at_rest)
     return {f"frame:{k + 1}": field for k, field in enumerate(orthogonal(sd * np.nan_to_num(moved)))}
 
 
@@ -199,7 +236,7 @@ def orthogonal(fields: Array) -> list[Array]:
     flat = fields.reshape(len(fields), -1)
     power, turn = np.linalg.eigh(flat @ flat.T)
     rows = [k for k in np.argsort(power)[::-1] if power[k] > ROUNDING * max(power[-1], 1e-30)]
-    return [_with_zero_y(field) for field in (flat.T @ turn[:, rows]).T.reshape(-1, *fields.shape[1:])]
+    return [with_zero_y(field) for field in (flat.T @ turn[:, rows]).T.reshape(-1, *fields.shape[1:])]
 
 
 def frame_sd(
@@ -264,5 +301,6 @@ def _add(modes: dict[str, Array], name: str, value: Array, p: int, xz: Array) ->
     modes.setdefault(name, np.zeros(value.shape))[:, p, ::2] = xz
 
 
-def _with_zero_y(xz: Array) -> Array:
+def with_zero_y(xz: Array) -> Array:
+    """Fields (...,3) mm of fields (...,2) of x and z; 0 in y."""
     return np.stack([xz[..., 0], np.zeros(xz.shape[:-1]), xz[..., 1]], axis=-1)

@@ -21,6 +21,8 @@ from vision.marks import Mark, check_names, rows_of
 from vision.measuring.face import Face, with_face
 from vision.measuring.strains import StrainField, strain_field
 from vision.placing.multicamera import in_space
+from vision.placing.planeerrors import principal
+from vision.placing.restplaces import at_rest, located
 from vision.placing.singlecamera import MAX_DEPTH_MM, in_plane
 from vision.placing.views import How, Seen, View, check_static, look, steps_of
 from vision.plane import MIN_VISIBLE
@@ -42,7 +44,8 @@ class Displacements:
     time: Array  # (s,) s of the film
     names: tuple[str, ...]  # (p,)
     roles: tuple[str, ...]  # (p,) "fixed" or "finger"
-    points: Array  # (p,3) mm, nominal places at rest
+    points: Array  # (p,3) mm, places at rest
+    measured: tuple[bool, ...]  # (p,) whether these are what the film shows, and not what is stated
     value: Array  # (s,p,3) mm
     covariance: Array  # (s,p,3,3) mm2, independent part: static noise, homography, blur, codec
     modes: Array  # (k,s,p,3) mm, errors shared by many values, 1 sd each
@@ -89,10 +92,14 @@ def measure(
     """
     _check(views, marks, rig, face)
     how = How(dictionary, reference, progress, keeper, stated.frame_mm, stated.placement_mm)
+    marks = located(views[0].film, views[0].camera, marks, dictionary)
     seen = [look(v, marks, how, camera=f"-{c + 1}" if rig else "") for c, v in enumerate(views)]
     rest = mean_seen(seen[0].film.ideal[seen[0].film.reference])
     every, remark = without_odd(frame_fit(marks, rest, sd_mm=stated.frame_mm), marks)
     seen[0] = replace(seen[0], remarks=(*seen[0].remarks, *remark))
+    every, covariance = at_rest(seen[0], every, stated.frame_mm)
+    if covariance is not None:
+        stated = replace(stated, pose=tuple(map(tuple, principal(covariance).tolist())))
     if face is not None:
         seen[0], every = with_face(seen[0], views[0], every, face, how)
     result = displacements_of(seen, every, rig=rig, stated=stated, steps=steps)
@@ -130,6 +137,7 @@ def _record(
         names=tuple(names),
         roles=tuple(m.role for m in output),
         points=np.array([m.position for m in output]),
+        measured=tuple(m.measured for m in output),
         value=placed.value,
         covariance=_covariance(placed, there),
         modes=fields,
@@ -169,6 +177,11 @@ def _check(views: Sequence[View], marks: Sequence[Mark], rig: Rig | None, face: 
             )
     if face is not None and rig is not None:
         raise ValueError("a speckled face is measured by one camera: leave out the face or the other cameras")
+    if rig is not None and any(mark.measured for mark in marks):
+        raise ValueError(
+            f"the place of marker {next(m.name for m in marks if m.measured)!r} is not stated, and only one "
+            "camera alone measures it: state its position_mm, or leave out the other cameras"
+        )
     _check_marks(marks)
     for view in views:
         check_static(view.static)
@@ -191,7 +204,7 @@ def _check_measured(result: Displacements, view: View) -> None:
 def _check_marks(marks: Sequence[Mark]) -> None:
     check_names(marks)
     for role, least in (("frame", MIN_FRAME), ("fixed", MIN_FIXED), ("finger", 1)):
-        count = sum(mark.role == role for mark in marks)
+        count = sum(mark.role in (role, *(["clamp"] if role == "fixed" else [])) for mark in marks)
         if count < least:
             raise ValueError(
                 f"{count} markers have the role {role!r}, wanted at least {least}: add some in the "

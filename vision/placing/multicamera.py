@@ -16,7 +16,7 @@ from vision.camera import Array
 from vision.errors.codingvariance import codec_sd
 from vision.errors.errormodel import FrameMisfit, Observed, Placed, with_errors
 from vision.errors.independenterrors import misfit
-from vision.errors.sharederrors import Stated
+from vision.errors.sharederrors import Stated, slopes
 from vision.errors.staticnoise import REST, NoiseModel, states, static_noise, while_moving
 from vision.following.markrotations import finger_turns, linear_maps, mean_seen, rotations
 from vision.following.tracks import Followed
@@ -60,6 +60,7 @@ def _observed(scene: _Scene, steps: NDArray[np.intp]) -> Observed:
     output = [scene.marks[p] for p in points]
     noise = static_noise(scene.rest.place, [mark.name for mark in output], scene.seen[0].static)
     rotation = rotations(linear_maps(film, film.homography(scene.marks)))
+    turns = finger_turns(value, rotation[steps][:, points], output)
     blur, coding, frozen = _worse(scene)
     coding_sd = np.sqrt(spaceerrors.through(scene.places, scene.sight, coding))
     state = states(film.ideal[:, points])[steps]
@@ -69,7 +70,9 @@ def _observed(scene: _Scene, steps: NDArray[np.intp]) -> Observed:
         value=value,
         rest=scene.rest.place,
         noise=noise,
-        turns=finger_turns(value, rotation[steps][:, points], output),
+        turns=turns,
+        slope=slopes(value, output, turns),
+        place=np.array([mark.position for mark in output])[:, [0, 2]],
         rotation=rotation,
         state=state,
         variance=spaceerrors.variances(noise, scene.rest, scene.places, scene.sight, blur),

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vision.camera import Array, Camera
+from vision.errors.sharederrors import of_places, with_zero_y
 from vision.marks import Mark, with_role
 from vision.perspective import MOST_FRAMES, Viewpoint, to_own_plane, viewpoint
 from vision.plane import fit_homography, to_plane
@@ -19,12 +20,17 @@ SIZE_FLOOR = 3e-4
 ON_RIG, AT_ONCE = 2, 0.5  # markers that are fixed and look changed, at least; and such a share of them
 
 
-def height_modes(value: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float) -> dict[str, Array]:
-    """Errors (s,p,3) mm from the marks' heights, known to sd_mm: each is off by u dh / distance."""
+def height_modes(
+    value: Array, place: Array, slope: Array, marks: Sequence[Mark], view: Viewpoint, *, sd_mm: float
+) -> dict[str, Array]:
+    """Errors (s,p,3) mm from the marks' heights, known to sd_mm: each is off by u dh / distance, and the
+    places (p,2) mm by r dh / distance, r from the foot, where they are measured.   slope: (s,p,2,2) of
+    these."""
     modes: dict[str, Array] = {}
+    moved = np.nan_to_num(value) + with_zero_y(of_places(slope, np.nan_to_num(place - view.foot)))
     for p in with_role(marks, "finger"):
         mode = modes.setdefault(f"height:{marks[p].owner}", np.zeros(value.shape))
-        mode[:, p] = np.nan_to_num(value[:, p]) * sd_mm / view.distance
+        mode[:, p] = moved[:, p] * sd_mm / view.distance
     return modes
 
 
@@ -71,11 +77,13 @@ def calibration_modes(
     points: Sequence[int],
     height: Array,
     reference: NDArray[np.intp],
+    slope: Array,
 ) -> dict[str, Array]:
     """Errors (s,p,3) mm from the camera's parameters, as far as the frame marks do not take them up.
 
     ideal: (s,m,2) px of all marks.   homography: (s,3,3).   plane: (f,2) mm places of the marks `frame`.
     points: the p rows that are given out.   height: (p,) mm.   reference: (r,) frames.
+    slope: (s,p,2,2) of measured places.
 
     Each principal direction of the parameters' covariance moves the camera by 1 sd; the film's raw pixels
     are measured with it anew, the difference is a mode. The modes are then turned to be uncorrelated over
@@ -85,7 +93,7 @@ def calibration_modes(
         return {}
     raw = camera.distort(ideal)
 
-    def value(changed: Camera) -> Array:
+    def value(changed: Camera) -> tuple[Array, Array]:
         seen = to_plane(homography, changed.undistort(raw))
         rest = seen[reference][:, frame]
         visible = np.isfinite(rest[..., 0]).any(axis=0)
@@ -94,10 +102,12 @@ def calibration_modes(
         place = to_own_plane(place, height, viewpoint(changed, homography[reference] @ moved))
         start = place[reference]
         count = np.maximum(np.isfinite(start).sum(axis=0), 1)
-        return np.nan_to_num(place - np.nan_to_num(start).sum(axis=0) / count)
+        rest = np.nan_to_num(start).sum(axis=0) / count
+        return np.nan_to_num(place - rest), rest
 
-    nominal = value(camera)
-    errors = np.array([value(camera.moved(step)) - nominal for step in principal(camera.covariance)])
+    moves, rest = value(camera)
+    changed = [value(camera.moved(step)) for step in principal(camera.covariance)]
+    errors = np.array([u - moves + of_places(slope, place - rest) for u, place in changed])
     turned = uncorrelated(errors)
     modes = np.stack([turned[..., 0], np.zeros(turned.shape[:-1]), turned[..., 1]], axis=-1)
     return {f"calibration:{k + 1}": mode for k, mode in enumerate(modes)}

@@ -11,7 +11,7 @@ from vision.camera import Array, Camera
 from vision.errors import codingdrift, sharederrors
 from vision.errors.codingdrift import coding_drift, shares
 from vision.errors.codingvariance import Codec, codec_sd
-from vision.errors.errormodel import FrameMisfit, Observed, Placed, with_errors
+from vision.errors.errormodel import FrameMisfit, Observed, Placed, measured_alone, with_errors
 from vision.errors.independenterrors import Rest, at_rest, by_hand, independent, misfit
 from vision.errors.sharederrors import Named, Stated
 from vision.errors.staticnoise import REST, NoiseModel, states, static_noise, while_moving, with_y
@@ -59,7 +59,12 @@ class _Scene:
     @cached_property
     def value(self) -> Array:
         """(s,p,3) mm."""
-        return with_y(self.own_place - mean_seen(self.own_place[self.film.reference]))
+        return with_y(self.own_place - self.at_rest)
+
+    @property
+    def at_rest(self) -> Array:
+        """(p,2) mm, mean over the reference."""
+        return mean_seen(self.own_place[self.film.reference])
 
 
 def in_plane(seen: Seen, marks: Sequence[Mark], stated: Stated, steps: NDArray[np.intp]) -> Placed:
@@ -83,12 +88,17 @@ def _observed(seen: Seen, scene: _Scene, stated: Stated, steps: NDArray[np.intp]
     reference_sd, reference_shared = _reference_sd(noise, seen.codec, len(scene.film.reference))
     linear = linear_maps(seen.film, seen.film.homography(scene.marks))
     rotation = rotations(linear)
+    turns = finger_turns(scene.value, rotation[steps][:, scene.points], scene.output)
+    slope = sharederrors.slopes(scene.value, scene.output, turns)
+    measured = measured_alone(slope, scene.output)
     return Observed(
         marks=scene.output,
         value=scene.value,
         rest=place,
         noise=noise,
-        turns=finger_turns(scene.value, rotation[steps][:, scene.points], scene.output),
+        turns=turns,
+        slope=slope,
+        place=scene.at_rest,
         rotation=rotation,
         state=state[steps],
         variance=_variance(scene, rest, misfit(seen.film)[steps]),
@@ -98,8 +108,8 @@ def _observed(seen: Seen, scene: _Scene, stated: Stated, steps: NDArray[np.intp]
         coding_drift=drift,
         reference_sd=reference_sd,
         reference_shared=reference_shared,
-        frame=_frame_misfit(scene, rest),
-        modes=[*_modes(scene, stated), _redrawn(seen, scene)],
+        frame=_frame_misfit(scene, rest, measured),
+        modes=[*_modes(scene, stated, measured), _redrawn(seen, scene)],
         remarks=(
             *planeerrors.extrapolated(scene.camera, seen.film.ideal, [mark.name for mark in scene.marks]),
             *_grown(scene, linear[steps], coding_sd[steps] / noise.sd, stated),
@@ -176,11 +186,12 @@ def _quiet_keys(seen: Seen) -> list[slice]:
     return parts if codingdrift.rare(parts) else [slice(0, count)]
 
 
-def _modes(scene: _Scene, stated: Stated) -> list[Named]:
-    """Errors of what one camera does not see: heights, motion towards it, its own calibration."""
+def _modes(scene: _Scene, stated: Stated, slope: Array) -> list[Named]:
+    """Errors of what one camera does not see: heights, motion towards it, its own calibration; with what they
+    make of places that are measured, of these slopes (s,p,2,2)."""
     value, output, film, view = scene.value, scene.output, scene.film, scene.view
     return [
-        planeerrors.height_modes(value, output, view, sd_mm=stated.height_mm),
+        planeerrors.height_modes(value, scene.at_rest, slope, output, view, sd_mm=stated.height_mm),
         planeerrors.out_of_plane_modes(value, scene.own_place, output, view, sd_mm=stated.out_of_plane_mm),
         planeerrors.calibration_modes(
             scene.camera,
@@ -191,17 +202,18 @@ def _modes(scene: _Scene, stated: Stated) -> list[Named]:
             points=scene.points,
             height=scene.height[scene.points],
             reference=film.reference,
+            slope=slope,
         ),
     ]
 
 
-def _frame_misfit(scene: _Scene, rest: Rest) -> FrameMisfit:
+def _frame_misfit(scene: _Scene, rest: Rest, slope: Array) -> FrameMisfit:
     reference = scene.film.reference
     return FrameMisfit(
         residual=mean_seen(scene.plane.residual[reference]),
         names=[scene.marks[p].name for p in scene.frame],
         fitted=8,
-        modes=lambda sd: sharederrors.frame(misplaced(scene.plane, scene.place), reference, sd),
+        modes=lambda sd: sharederrors.frame(misplaced(scene.plane, scene.place), reference, slope, sd),
         noise=rest.frame_variance / len(reference),
     )
 

@@ -34,6 +34,7 @@ MARKS = tuple(
 )
 PLANE = np.array(FRAME, dtype=np.float64)
 HEAD, TAIL = range(6), range(6, 9)
+STATED = np.zeros((len(SHARE), 3, 2, 2))  # no place is measured
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ def pulls_of_heights(rng: np.random.Generator, sd: float) -> tuple[Array, float]
     lab, place, drawn = bench(rng), motion(rng), rng.normal(0, sd, 3)
     place[:, 6:, 1] += drawn
     value, _, _, view = lab.measured(lab.camera, place, np.zeros(3))
-    modes = planeerrors.height_modes(value, MARKS[6:], view, sd_mm=sd)
+    modes = planeerrors.height_modes(value, np.zeros((3, 2)), STATED, MARKS[6:], view, sd_mm=sd)
     assert list(modes) == ["height:finger0", "height:finger1", "height:finger2"]
     return amplitudes(value - value_of(place), list(modes.values()))
 
@@ -162,6 +163,7 @@ def pulls_of_calibration(rng: np.random.Generator, sd: float) -> tuple[Array, fl
         points=TAIL,
         height=height,
         reference=REFERENCE,
+        slope=STATED,
     )
     assert list(modes) == [f"calibration:{k + 1}" for k in range(len(modes))]
     return amplitudes(value - value_of(place), list(modes.values())[:2])
