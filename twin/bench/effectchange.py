@@ -67,6 +67,15 @@ class Change:
         self.fields.save(run.path(f"{KEPT}{FIELDS}"))
 
 
+def without(bench: Workbench, now: Judged, labels: Sequence[str], say: Say) -> Judged:
+    """The model without some of its effects, as it was fitted before, else from where it is now."""
+    effects = [e for e in bench.project.config.model.effects if e not in labels]
+    model, former = bench.model(effects), held_fit(bench.project, effects)
+    if former:
+        return bench.judged_fit(model, former.fit, say)
+    return bench.judged(model, model.theta(now.values), say)
+
+
 def diagnosed(bench: Workbench, effects: Sequence[str], start: Mapping[str, float]) -> Change | None:
     """The change to these effects, as the newest diagnosis fitted it from this start; None without one.
 

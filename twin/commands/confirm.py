@@ -7,11 +7,11 @@ from typer import Argument
 
 from twin import files
 from twin.bench.comparison import film_names, foretold
+from twin.bench.effectchange import without
 from twin.bench.engines import check_embedded
 from twin.bench.fits import newest_fit
 from twin.bench.priors import check_least_squares
 from twin.bench.workbench import Workbench
-from twin.commands.explain import without
 from twin.diagnosis.diagnosisrecord import ForetoldFilm
 from twin.judging.heldout import forecasts, unseen_blocks
 from twin.messages import Say

@@ -7,9 +7,10 @@ import numpy as np
 from typer import Argument
 
 from twin import files
+from twin.bench.effectchange import without
 from twin.bench.effectlaws import laws_of
 from twin.bench.engines import check_embedded
-from twin.bench.fits import held_fit, newest, newest_fit
+from twin.bench.fits import newest, newest_fit
 from twin.bench.priors import check_least_squares
 from twin.bench.workbench import Workbench
 from twin.calibrated.effectstarts import begun, begun_from
@@ -65,15 +66,6 @@ def run_explain(
         say(f"{name} is {row.plausible}." if row.plausible else f"{name}: no plausible range is declared.")
     say(f"Wrote {project.shown(run.folder)}/evidence.json and evidence.npz")
     return {"stage": "explain", "run": run.name} | files.plain(record)
-
-
-def without(bench: Workbench, now: Judged, labels: Sequence[str], say: Say) -> Judged:
-    """The model without some of its effects, as it was fitted before, else from where it is now."""
-    effects = [e for e in bench.project.config.model.effects if e not in labels]
-    model, former = bench.model(effects), held_fit(bench.project, effects)
-    if former:
-        return bench.judged_fit(model, former.fit, say)
-    return bench.judged(model, model.theta(now.values), say)
 
 
 def _with(
