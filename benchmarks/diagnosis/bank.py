@@ -23,6 +23,7 @@ from pathlib import Path
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
 from benchmarks.commandline import options
+from benchmarks.diagnosis.kindsbetween import BETWEEN
 from benchmarks.diagnosis.snapshots import COURSE, POINTS, SHORT
 
 import numpy as np
@@ -33,6 +34,7 @@ from fe import Path as Course
 from fe.mesh.mirror import mirrored
 from twin.effects.library import all_effects, effect
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
+from twin.effects.shape import WallThickness
 from twin.effects.standins import stand_ins
 from twin.gravity import G
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, mooney_rivlin
@@ -53,6 +55,7 @@ NODES = {  # of parameters that are invisible at null
     "ballooning.place": (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9),
     "ballooning.width": (3.0, 4.5, 6.5, 10.0, 20.0),
     "tube.place": (0.2, 0.4, 0.6, 0.8, 1.0),
+    "hoop_reinforcement.angle": (0.0, 10.0, 25.0, 45.0),
     "creep.tau1": (0.4, 1.2, 3.5, 10.0, 30.0, 100.0),
     "mullins.m": (5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 2e-2),
     "mullins.beta": (0.0, 1.0),
@@ -174,7 +177,7 @@ def sizes(effect: Effect, name: str) -> tuple[float, ...]:
     p = next(p for p in effect.amplitudes if p.name == name)
     if effect.label.endswith(":wide"):
         return ()  # to first order, too
-    kind = KINDS.get(effect.name)
+    kind = (KINDS | BETWEEN).get(effect.name)
     if effect.name == "tube" and name == effect.amplitudes[0].name:
         return (0.1,)
     if kind is not None and name == effect.amplitudes[0].name and kind.part == "static":
@@ -228,7 +231,7 @@ def tabulated() -> list[Effect]:
     own = [e for e in all_effects() if e.name not in LEFT_OUT]
     out: list[Effect] = [e.laws()[-1] for e in own]
     families = [w for e in own if (w := e.wide()) is not None]
-    return [*out, *families, *stand_ins(case_test(fitted_case()))]
+    return [*out, WallThickness(), *families, *stand_ins(case_test(fitted_case()))]
 
 
 def packed() -> dict[str, Array]:

@@ -69,6 +69,7 @@ STAND_INS_OF = {  # of unknown kinds: kinds of stand-ins, whole names, or how th
     "sliding": ("drift",),
     "barrel": ("camera",),
     "zoomed": ("camera",),
+    "loose_clamp": ("play",),
     **STAND_INS_LATER,
 }
 
@@ -233,6 +234,7 @@ def tabulated(wanted: Sequence[Spec], rows: Sequence[dict[str, Any]]) -> dict[st
     table = summary(list(own.values()))
     table["planned"] = len(wanted)
     table["commits"] = dict(Counter(row.get("commit", "") for row in own.values()))
+    table["commit"] = " ".join(table["commits"])
     table["rules"] = dict(Counter(row["rule"] for row in own.values()))
     table["versions"] = {"python": platform.python_version(), "numpy": np.__version__}
     return table

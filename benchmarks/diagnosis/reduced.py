@@ -87,7 +87,9 @@ class Table:
         if f"slopes@{label}" not in arrays:
             return None
         every = [(tuple(sorted(e.items())), name) for _, e, name in rows_of(wide, test)]
-        own = [every.index((tuple(sorted(e.items())), name)) for _, e, name in rows_of(effect, test)]
+        none = dict.fromkeys(set(entries(wide, test)[0]) - set(shape), 0.0)  # of what a narrower law lacks
+        wider = [(tuple(sorted({**none, **e}.items())), name) for _, e, name in rows_of(effect, test)]
+        own = [every.index(row) for row in wider]
         slopes = tables.of_ways(arrays[f"slopes@{label}"][own])
         bent, plain = [], tables.of_ways(arrays["plain"])
         for k, (row, (_, _, name)) in enumerate(zip(own, rows_of(effect, test), strict=True)):
@@ -403,11 +405,10 @@ class ReducedModel(Model):
         """The derivative of what is seen to an amplitude that changes the picture alone, at corrected
         displacements u (s, p, 3) mm."""
         changed = {**values, p.name: values[p.name] + p.step}
-        slips = next((e for e in self.effects if e.name == "marker_slip" and p.name.startswith(e.name)), None)
-        if slips is not None:
-            moved = surface.slipped(
-                replace(slips.before(replace(test, slips=()), changed), points=test.points)
-            )
+        own = next(e for e in self.effects if p.name.startswith(f"{e.name}."))
+        slips = own.before(replace(test, slips=()), changed).slips
+        if slips:
+            moved = surface.slipped(replace(test, slips=slips))
             return (moved - moved[self.reference].mean(axis=0)) / p.step
         a, b = u, u
         for e in self.effects:

@@ -5,7 +5,7 @@
 The truths are those of `twin.virtual.hidden`, on the short finger, at all places for markers. Every solve is
 saved as it ends (a file in --folder, by default the system's temporary folder), so that the command goes on
 where it was stopped; --pack writes them into one file. About 15 minutes of one core. --later: the kinds in
-the folder `kinds` instead, into a file of their own.
+the folder `kinds`, and differences between two castings, instead, into a file of their own.
 """
 
 import os
@@ -19,6 +19,7 @@ from pathlib import Path
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
 from benchmarks.commandline import options
+from benchmarks.diagnosis.kindsbetween import BETWEEN
 from benchmarks.diagnosis.laterkinds import KINDS_LATER
 
 import numpy as np
@@ -61,7 +62,7 @@ def tasks(*, later: bool = False) -> dict[str, Callable[[], np.ndarray]]:
         "course": lambda: history(half),
         "slopes": lambda: slopes(SMOOTH, half),
     }
-    return of_sizes(KINDS_LATER, half, whole) if later else found | of_sizes(KINDS, half, whole)
+    return of_sizes(KINDS_LATER | BETWEEN, half, whole) if later else found | of_sizes(KINDS, half, whole)
 
 
 def of_sizes(kinds: Mapping[str, Kind], half: Test, whole: Test) -> dict[str, Callable[[], np.ndarray]]:
@@ -86,7 +87,7 @@ def main() -> int:
     made, target = tasks(later=typed.later), LATER if typed.later else DATA
     for name, make in made.items():
         path = typed.folder / f"{name}.npy"
-        kind = (KINDS | KINDS_LATER).get(name.partition("@")[0])
+        kind = (KINDS | KINDS_LATER | BETWEEN).get(name.partition("@")[0])
         if path.exists() or (typed.only and name.partition("@")[0] not in typed.only):
             continue
         if typed.part and (kind.part if kind else "static") != typed.part:

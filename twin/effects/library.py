@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from twin.effects import labels
 from twin.effects.forces import Tube
 from twin.effects.loads import Gravity, PressureGain, PressureLag, PressureOffset
-from twin.effects.markerslip import MarkerSlip
+from twin.effects.markerslip import MarkerSlip, MarkerStandoff
 from twin.effects.material import Compressibility, Creep, Mullins, Stiffening, Thermal
-from twin.effects.measurement import CameraRotation, CameraScale, CameraTilt, TimeShift
+from twin.effects.measurement import CameraBreathing, CameraRotation, CameraScale, CameraTilt, TimeShift
 from twin.effects.protocol import Effect
 from twin.effects.shape import Ballooning, EccentricCore, Precurvature, SidewaysCore, WallTaper
 from twin.effects.supports import ElasticClamp, HoopReinforcement, StrainLimitingLayer, TableContact
@@ -25,7 +25,8 @@ def all_effects(law: RubberLaw = MOONEY_RIVLIN) -> tuple[Effect, ...]:
         Creep(), PressureLag(), Stiffening(), ElasticClamp(), PressureGain(), PressureOffset(), Gravity(),
         CameraScale(), WallTaper(), EccentricCore(), SidewaysCore(), Ballooning(), Precurvature(),
         StrainLimitingLayer(), HoopReinforcement(), Mullins(), Compressibility(), Thermal(), TableContact(),
-        Tube(), TimeShift(), CameraRotation(), CameraTilt(), MarkerSlip(),
+        Tube(), TimeShift(), CameraRotation(), CameraTilt(), CameraBreathing(), MarkerSlip(),
+        MarkerStandoff(),
     )  # fmt: skip
     return tuple(e.beside(law) for e in every)
 

@@ -1,4 +1,4 @@
-"""Effects of the markers: where on the finger a tag sits."""
+"""Effects of the markers: where on the finger a tag sits, and how far off it."""
 
 import re
 from dataclasses import replace
@@ -17,6 +17,7 @@ CLOSER = 25  # and then between two of these
 SIDE = 0.8  # of half the finger's width from its middle plane: a marker further out sits on a side face
 # A tag of 5 mm that slipped by a tenth of its size is seen by eye (judgement); glue gives way by less.
 LIKELY = 0.5  # mm
+UP = np.array([0.0, 0.0, 1.0])
 WAYS = (
     ("along the finger towards the tip", "along the finger towards the clamp"),
     ("across it (up on a side face, to +y elsewhere)", "across it (down on a side face, to -y elsewhere)"),
@@ -91,10 +92,70 @@ class MarkerSlip(Effect):
         if not self.marker:
             row = round(theta["marker_slip.marker"])
             return min(max(row, 0), len(test.points) - 1), theta["marker_slip.time"]
-        if self.marker not in test.markers:
-            names = ", ".join(n for n, m in zip(test.markers, test.moving, strict=True) if m)
-            raise ValueError(f"effect {self.label!r}: no marker {self.marker!r}; wanted one of {names}")
-        return test.markers.index(self.marker), self.time
+        return _row(self, test, self.marker), self.time
+
+
+class MarkerStandoff(Effect):
+    """Tags on pins, heads or thick tape: the markers stand `mm` mm off the structure, above it (towards +z),
+    and turn with it.
+
+    A marker is seen h (e_z + du/dz) beside its point of the structure, from the first picture on. Laws:
+    `marker_standoff`, of all markers alike, and `marker_standoff:one`, of one, which is looked for and then
+    held: `marker_standoff:p3`. marker: its name, ONE, or "" for all.
+    """
+
+    name, order, held = "marker_standoff", Order.SLIP, "marker_standoff:p3"
+    sentence = "markers stand off the surface, and turn with it"
+    ONE = "one"
+
+    def __init__(self, marker: str = "") -> None:
+        self.marker = marker
+        # pins and printed tags on foam are 1 to 2 mm high (judgement)
+        height = symmetric("marker_standoff.mm", most=5.0, unit="mm", step=0.1, likely=2.0)
+        free = (Parameter("marker_standoff.marker", 0.0, 1e4, "", typical=1.0),)
+        self.parameters = (*height, *free) if marker == self.ONE else height
+
+    @property
+    def label(self) -> str:
+        return f"{self.name}:{self.marker}" if self.marker else self.name
+
+    def laws(self) -> tuple[Effect, ...]:
+        return (self, MarkerStandoff(self.ONE))
+
+    def wider(self) -> Effect | None:
+        return None if self.marker else MarkerStandoff(self.ONE)
+
+    def named(self, label: str) -> Effect | None:
+        name, _, marker = label.partition(":")
+        return MarkerStandoff(marker) if name == self.name and marker else None
+
+    def tries(self, test: Test) -> tuple[Theta, ...]:
+        rows = np.flatnonzero(test.moving) if self.marker == self.ONE else ()
+        return tuple({"marker_standoff.marker": float(row)} for row in rows) or ({},)
+
+    def at(self, entry: Theta, test: Test) -> Effect:
+        row = entry.get("marker_standoff.marker")
+        return self if row is None else MarkerStandoff(test.markers[round(row)])
+
+    def before(self, test: Test, theta: Theta) -> Test:
+        slips = [Slip(row, -np.inf, theta["marker_standoff.mm"], UP) for row in self._rows(test, theta)]
+        return replace(test, slips=(*test.slips, *slips))
+
+    def told(self, values: Theta) -> str:
+        mm = values["marker_standoff.mm"]
+        who = f"marker {self.marker} stands" if self.marker not in ("", self.ONE) else (
+            "a marker stands" if self.marker else "the markers stand"
+        )  # fmt: skip
+        turns = "turn with it" if not self.marker else "turns with it"
+        return f"{who} {number(mm)} mm {way(mm, 'above', 'below')} the surface, and {turns}"
+
+    def _rows(self, test: Test, theta: Theta) -> list[int]:
+        """The rows of the markers among the test's points."""
+        if self.marker == self.ONE:
+            return [min(max(round(theta["marker_standoff.marker"]), 0), len(test.points) - 1)]
+        if self.marker:
+            return [_row(self, test, self.marker)]
+        return [int(row) for row in np.flatnonzero(test.moving)]
 
 
 class _Closer(MarkerSlip):
@@ -128,6 +189,14 @@ def _grid(rows: Integers, times: Array) -> tuple[Theta, ...]:
     return tuple(
         {"marker_slip.marker": float(r), "marker_slip.time": float(f"{t:.6g}")} for t in times for r in rows
     )
+
+
+def _row(effect: Effect, test: Test, marker: str) -> int:
+    """The row of a marker among the test's points; ValueError where it has none of that name."""
+    if marker not in test.markers:
+        names = ", ".join(n for n, m in zip(test.markers, test.moving, strict=True) if m)
+        raise ValueError(f"effect {effect.label!r}: no marker {marker!r}; wanted one of {names}")
+    return test.markers.index(marker)
 
 
 def _surface(test: Test, row: int) -> tuple[Array, Array]:

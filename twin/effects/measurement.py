@@ -1,12 +1,14 @@
 """Effects of the measurement: the picture that the camera makes of all markers, and the clocks."""
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from calibrate import Parameter
 from twin.effects.phrases import felt, listed, number, percent, way
-from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
+from twin.effects.protocol import Effect, Family, Order, Test, Theta, symmetric
 from twin.effects.requirements import Requirement
 from twin.targets import Array
 
@@ -30,6 +32,42 @@ class CameraScale(Effect):
         scale = values["camera_scale.scale"]
         off = f"{percent(scale)} too {way(scale, 'long', 'short')}"
         return f"the picture's scale is wrong: lengths look {off}"
+
+
+class CameraBreathing(Family):
+    """The picture of the finger is magnified by `scale` more at its farthest motion than at rest: it comes
+    nearer to the camera as it bends, or the focus breathes. Fixed markers stay where they are.
+
+    Positions P, from the markers' middle at rest, are seen at (1 + scale m + square m^2) P, with m from 0
+    to 1 the mean displacement of all moving markers along its largest, over that; square with two terms
+    alone.
+    """
+
+    name, order = "camera_breathing", Order.CAMERA
+    sentence = "the picture's scale grows with the finger's motion"
+    generic = "camera"
+    added: ClassVar[Theta] = {"camera_breathing.square": 0.0}
+
+    def law(self, terms: int) -> tuple[Parameter, ...]:
+        # 5 mm nearer at a distance of 500 mm is 1 %; a lens breathes by some percent (judgement)
+        names = ("camera_breathing.scale", "camera_breathing.square")[:terms]
+        return symmetric(*names, most=0.1, unit="", step=0.005, likely=0.02)
+
+    def after(self, u: Array, test: Test, theta: Theta) -> Array:
+        if not test.moving.any():
+            return u
+        mean = u[:, test.moving].mean(axis=1)
+        length = np.linalg.norm(mean, axis=1)
+        share = mean @ mean[length.argmax()] / max(float(length.max()), 1e-12) ** 2
+        scale = share * theta["camera_breathing.scale"]
+        scale = scale + share**2 * theta.get("camera_breathing.square", 0.0)
+        seen = test.points + u - test.points[test.moving].mean(axis=0)
+        return u + scale[:, None, None] * seen * test.moving[:, None]
+
+    def told(self, values: Theta) -> str:
+        scale = values["camera_breathing.scale"] + values.get("camera_breathing.square", 0.0)
+        turn = f"{percent(scale)} too {way(scale, 'long', 'short')}"
+        return f"the picture's scale changes with the motion: at its farthest, lengths look {turn}"
 
 
 class CameraRotation(Effect):

@@ -64,6 +64,23 @@ def _across(inner: Inside) -> Array:
     return inner.normal * [0.0, 1.0, 1.0]
 
 
+class WallThickness(InnerShape):
+    """All walls of the chamber are thicker by `mm`: the core was smaller. No effect of the library, as one
+    film cannot tell it from stiffer silicone; two castings differ by it."""
+
+    name = "wall_thickness"
+    sentence = "the walls are thicker or thinner everywhere (another core)"
+    # a core is printed or cut to 0.1 or 0.2 mm, and shrinks (judgement)
+    parameters = symmetric("wall_thickness.mm", most=1.0, unit="mm", step=0.05, likely=0.3)
+
+    def motion(self, inner: Inside, theta: Theta) -> Array:
+        return theta["wall_thickness.mm"] * _across(inner)
+
+    def told(self, values: Theta) -> str:
+        mm = values["wall_thickness.mm"]
+        return f"all walls are {number(mm)} mm {way(mm, 'thicker', 'thinner')}"
+
+
 class WallTaper(InnerShape):
     """Walls get thicker from base to tip by `mm` in all, thinner before the middle, thicker behind it."""
 

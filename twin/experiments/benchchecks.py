@@ -34,7 +34,11 @@ PEEL = "look at the markers in the film, one by one"
 CHECKS: tuple[tuple[str, Mapping[str, str]], ...] = (
     (
         PEEL,
-        {"slip": "one moves on the finger", "marker_slip": "it moves on the finger"},
+        {
+            "slip": "one moves on the finger",
+            "marker_slip": "it moves on the finger",
+            "marker_standoff": "they stand off it",
+        },
     ),
     (
         "disconnect the supply line at rest and see whether the finger moves",
@@ -43,6 +47,10 @@ CHECKS: tuple[tuple[str, Mapping[str, str]], ...] = (
     (
         "read the gauge without pressure, before and after the film",
         {"pressure_offset": "it does not read zero"},
+    ),
+    (
+        "weigh both castings",
+        {"wall_thickness": "the one with the thicker walls is heavier"},
     ),
     (
         "weigh the finger, or turn it over and film it again",
@@ -57,6 +65,7 @@ CHECKS: tuple[tuple[str, Mapping[str, str]], ...] = (
         {
             "camera": "the displacements change with the new calibration",
             "camera_tilt": "they change most towards the tip or the top",
+            "camera_breathing": "the finger comes nearer to the camera as it bends",
         },
     ),
     (
@@ -130,6 +139,8 @@ CHECKS: tuple[tuple[str, Mapping[str, str]], ...] = (
     (
         "pull a strip of the same silicone, twice and with a hold",
         {
+            "modulus": "it is stiffer or softer by as much",
+            "constants": "its curve is another",
             "stiffening": "its curve bends off the Mooney-Rivlin law",
             "mullins": "the second pull is softer",
             "creep": "its force falls in the hold",
@@ -142,6 +153,7 @@ CHECKS: tuple[tuple[str, Mapping[str, str]], ...] = (
     (
         "cut the finger across at three places, after all films, and measure its walls",
         {
+            "wall_thickness": "they are all thicker or thinner",
             "wall_taper": "they differ from base to tip",
             "eccentric_core": "top and bottom differ",
             "eccentric_core_y": "left and right differ",

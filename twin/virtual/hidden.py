@@ -14,6 +14,7 @@ from fe.case import Layer
 from fe.mesh.inner import inside
 from twin.effects.library import effect
 from twin.effects.loads import first_order_lag
+from twin.effects.measurement import turn
 from twin.effects.mechanism import Mechanism
 from twin.effects.protocol import Effect, Test
 from twin.effects.supports import flat_bottom
@@ -231,6 +232,56 @@ def slipped(u: Array, test: Test, size: float) -> Array:
     return out
 
 
+def standing(u: Array, test: Test, heights: Array) -> Array:
+    """Markers on stiff pins of `heights` (p,) mm, square to the chord between the two nearest of the lower
+    edge's, the clamp's end of it being one."""
+    at, moving, out = test.points, test.moving, u.copy()
+    edge = np.flatnonzero(moving & (at[:, 2] < at[moving, 2].min() + 1e-6))
+    x = np.concatenate([[0.0], at[edge, 0]])
+    seen = np.pad((at + u)[:, edge], ((0, 0), (1, 0), (0, 0)))
+    seen[:, 0, 2] = at[edge, 2].min()
+    for row in np.flatnonzero(moving & (heights != 0)):
+        near = np.argsort(np.abs(x - at[row, 0]), kind="stable")[:2]
+        a, b = near[np.argsort(x[near])]
+        chord = seen[:, b] - seen[:, a]
+        length = np.hypot(chord[:, 0], chord[:, 2])
+        out[:, row, 0] -= heights[row] * chord[:, 2] / length
+        out[:, row, 2] += heights[row] * (chord[:, 0] / length - 1)
+    return out
+
+
+def uneven_pins(u: Array, test: Test, size: float) -> Array:
+    """All markers on pins that grow from half of `size` mm at the base to one and a half at the tip."""
+    x = np.where(test.moving, test.points[:, 0], 0.0)
+    return standing(u, test, size * (0.5 + x / x.max()) * test.moving)
+
+
+def tall_tag(u: Array, test: Test, size: float) -> Array:
+    """The marker at the tip alone on a pin of `size` mm."""
+    return standing(u, test, size * (np.arange(len(test.points)) == np.flatnonzero(test.moving)[-1]))
+
+
+def nearing(u: Array, test: Test, size: float) -> Array:
+    """Scale of the finger about the picture's middle that grows with the square of the last marker's motion,
+    by `size` at the farthest."""
+    moved = (u[:, np.flatnonzero(test.moving)[-1]] ** 2).sum(axis=1)
+    centre = np.array([0.5 * np.nanmax(test.points[:, 0]), 0.0, 0.0])
+    share = (moved / max(float(moved.max()), 1e-12))[:, None, None]
+    return u + size * share * (test.points + u - centre) * [1.0, 0.0, 1.0] * test.moving[:, None]
+
+
+def loose_clamp(u: Array, test: Test, size: float) -> Array:
+    """The finger turns by `size` rad in its loose clamp while the pressure rises through 30 to 50 % of the
+    top, and back while it falls through 20 to 5 %."""
+    p, state, turned = test.path.pressure / max(float(test.path.pressure.max()), 1e-12), 0.0, []
+    for x in p:  # play: above the way back, below the way up
+        state = float(np.clip(state, np.clip((x - 0.3) / 0.2, 0, 1), np.clip((x - 0.05) / 0.15, 0, 1)))
+        turned.append(size * state)
+    angle, arm = np.interp(test.path.output, test.path.time, turned), test.points + u
+    seen = np.einsum("sij,spj->spi", [turn(1, a) for a in angle], arm)
+    return u + (seen - arm) * test.moving[:, None]
+
+
 def zoomed(u: Array, test: Test, size: float) -> Array:
     """The picture's scale changes by `size` in the middle of the first recording."""
     later = test.path.output > 22.0
@@ -291,6 +342,10 @@ def _other(
                 along=along, solved_as=solved_as)  # fmt: skip
 
 
+def _seen(name: str, physics: str, unit: str, sizes: tuple[float, ...], after: Seen) -> Kind:
+    return Kind(name=name, physics=physics, law="other", unit=unit, sizes=sizes, part="picture", after=after)
+
+
 def _unknown(
     name: str, unit: str, sizes: tuple[float, ...], part: str, before: Change | None = None,
     after: Seen | None = None, *, whole: bool = False, solved_as: str = "",
@@ -328,6 +383,7 @@ KINDS = {
         _same("camera_tilt", "aside", "rad", _two(0.28), "picture", others={"camera_tilt.up": 0.0}),
         _same("tube", "up", "N", _two(0.1), "static", others={"tube.place": 0.75, "tube.along": 0.0}),
         replace(_same("marker_slip", "along", "mm", _two(0.4), "picture"), after=slipped),
+        _same("camera_breathing", "scale", "", _two(0.05), "picture"),
         _other("log_creep", "creep", "", _one(0.15), "history", log_creep),
         _other("late_softening", "mullins", "", _one(0.2), "history", late_softening),
         _other("gent", "stiffening", "MPa", (0.1, 0.2), "static", gent),
@@ -343,6 +399,9 @@ KINDS = {
         _other("bent_gauge", "pressure_gain", "", _two(0.12), "path", bent_gauge),
         _other("drifting_zero", "pressure_offset", "MPa", _two(3e-3), "path", drifting_zero),
         _other("warming", "thermal", "", _two(0.2), "path", warming),
+        _seen("uneven_pins", "marker_standoff", "mm", _two(3.0), uneven_pins),
+        _seen("tall_tag", "marker_standoff", "mm", _two(3.0), tall_tag),
+        _seen("nearing", "camera_breathing", "", _two(0.05), nearing),
         _unknown("force_up", "N", (-0.08, 0.08), "static", tip_force((0.0, 0.0, 1.0))),
         _unknown("force_down", "N", (-0.08, 0.08), "static", tip_force((0.0, 0.0, 1.0)),
                  solved_as="force_up"),
@@ -353,5 +412,7 @@ KINDS = {
         _unknown("sliding", "mm", _one(0.5), "picture", after=sliding),
         _unknown("barrel", "", _two(0.2), "picture", after=barrel),
         _unknown("zoomed", "", _two(0.02), "picture", after=zoomed),
+        replace(_unknown("loose_clamp", "rad", _one(0.02), "picture", after=loose_clamp),
+                mechanism=Mechanism.LOAD),
     )
 }  # fmt: skip

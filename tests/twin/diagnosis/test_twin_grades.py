@@ -32,7 +32,7 @@ CLASSES = {
     Mechanism.BODY: BODY,
     Mechanism.LOAD: {"clamp", "gravity", "contact", "tube"},
     Mechanism.COURSE: {"pressure_gain", "pressure_offset", "pressure_lag", "time_shift"},
-    Mechanism.PICTURE: {"camera_scale", "camera_rotation", "camera_tilt", "marker_slip"},
+    Mechanism.PICTURE: {"camera_scale", "camera_rotation", "camera_tilt", "camera_breathing", "marker_slip", "marker_standoff"},
 }
 
 

@@ -44,3 +44,15 @@ def test_what_does_not_move_is_seen_still() -> None:
         seen = e.after(u, test, {p.name: p.step for p in e.parameters})
         assert np.ptp(seen[:, ~test.moving], axis=0).max() == 0.0
         assert np.ptp(seen[:, test.moving] - u[:, test.moving], axis=0).max() > 1e-4
+
+
+def test_a_picture_that_breathes_is_magnified_by_how_far_the_finger_has_moved() -> None:
+    test, scale, square = spread_out(), -0.02, 0.01
+    motion_of_all = np.array([0.0, 0.5, -2.0, 1.0])[:, None, None] * [[[-3.0, 0.5, -4.0]]] * test.moving[:, None]
+    values = {"camera_breathing.scale": scale, "camera_breathing.square": square}
+    seen = effect("camera_breathing:2").after(motion_of_all, test, values)
+    share = np.array([0.0, -0.25, 1.0, -0.5])[:, None, None]  # the farthest is the third
+    middle = test.points[test.moving].mean(axis=0)
+    wanted = motion_of_all + (scale * share + square * share**2) * (test.points + motion_of_all - middle)
+    np.testing.assert_allclose(seen[:, test.moving], wanted[:, test.moving], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(seen[:, ~test.moving], motion_of_all[:, ~test.moving])

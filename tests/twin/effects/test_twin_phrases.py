@@ -126,6 +126,17 @@ TOLD = {
         "the camera looks at the finger obliquely, by 2 degrees with the tip too far and by 1 degree with the top too "
         "near",
     ),
+    "camera_breathing": (
+        {"scale": -0.012},
+        "the picture's scale changes with the motion: at its farthest, lengths look 1.2 % too short",
+    ),
+    "camera_breathing:2": (
+        {"scale": -0.012, "square": 0.032},
+        "the picture's scale changes with the motion: at its farthest, lengths look 2 % too long",
+    ),
+    "marker_standoff": ({"mm": -1.5}, "the markers stand 1.5 mm below the surface, and turn with it"),
+    "marker_standoff:one": ({"mm": 0.8, "marker": 2.0}, "a marker stands 0.8 mm above the surface, and turns with it"),
+    "marker_standoff:tip": ({"mm": 0.8}, "marker tip stands 0.8 mm above the surface, and turns with it"),
     "marker_slip": (
         {"along": 0.8, "across": 0.0, "marker": 3.0, "time": 19.0},
         "a marker slipped by 0.8 mm along the finger towards the tip at 19 s",
