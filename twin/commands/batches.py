@@ -13,6 +13,7 @@ from calibrate.statistics import holm
 from twin import files
 from twin.batches.series import Opened, batches_in
 from twin.batches.values import BatchValue, values_of
+from twin.bench.castings import Casting, casting
 from twin.bench.fits import fit_file, newest
 from twin.bench.modeldifferences import other_models, same_films
 from twin.csvtable import as_text
@@ -89,7 +90,12 @@ def run_batches(
     tested, untested = drifts(batches)
     fitted = [path for path, batch in zip(paths, batches, strict=True) if not batch.problem]
     apart = other_models(*map(opened, fitted[-2:])) if len(fitted) > 1 else ()
-    lines = [*apart, *same_films(map(opened, fitted)), *sentences(batches, tested), *untested]
+    cause = Casting(sentences=())
+    if len(fitted) > 1 and not batches[-1].problem and any(d.differs for d in tested):
+        former, newest_of = map(opened, fitted[-2:])
+        cause = casting(former, files.read(FitRecord, fit_file(former)), newest_of, say)
+    lines = [*sentences(batches, tested), *cause.sentences, *apart, *same_films(map(opened, fitted))]
+    lines += untested
     if len(fitted) == 2:
         lines.append(f"`twin compare {' '.join(map(files.typed, fitted))}` lays the two side by side.")
     files.write_text(folder / TABLE, _csv(batches))
@@ -105,7 +111,7 @@ def run_batches(
         "tests": [{"name": d.name, "p_value": d.p_value, "value": d.found.value, "expected": d.found.expected,
                    "low": d.found.low, "high": d.found.high, "between_sd": d.found.former.between_sd}
                   for d in tested],
-        "untested": untested,
+        "untested": untested, "cause": cause.plain,
     }  # fmt: skip
 
 

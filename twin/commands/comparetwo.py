@@ -1,4 +1,4 @@
-"""Two batches, or two models of one, on one page: constants, differences, verdicts, errors, pictures."""
+"""Two batches, or two models of one, on one page: what differs, constants, verdicts, errors, pictures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,6 +8,7 @@ from twin import files
 from twin.batches.series import Opened
 from twin.batches.side import Laid, write_side_by_side
 from twin.batches.values import BatchChange, BatchValue, changes_of, values_of
+from twin.bench.castings import Casting, casting
 from twin.bench.fits import fit_file, newest
 from twin.bench.modeldifferences import other_effects, other_models, same_films
 from twin.diagnosis.diagnosisrecord import NONE, DiagnosisRecord
@@ -17,6 +18,7 @@ from twin.numerals import interval, short
 from twin.project.folder import Project
 from twin.report.page import Picture, table_page
 
+NOTHING = Casting(sentences=())
 SHOWN = {"overlay.png": "the film with its markers", "deformed.png": "the model at the highest pressure"}
 
 
@@ -31,7 +33,9 @@ def run_side_by_side(two: Sequence[Path], say: Say, *, opened: Opened = Project.
     changes = changes_of(a.values, b.values)
     effects = other_effects(a.project, a.record, b.project, b.record)
     films = same_films((a.project, b.project)) if a.project.root != b.project.root else ()
-    sentences = [*other_models(a.project, b.project), *films, *(c.words for c in changes), *effects]
+    apart = casting(a.project, a.record, b.project, say) if a.project.root != b.project.root else NOTHING
+    models = other_models(a.project, b.project)
+    sentences = [*apart.sentences, *models, *films, *(c.words for c in changes), *effects]
     page = Path(f"compare-{_plain(a.name)}-{_plain(b.name)}.html")
     replaced = " in place of the former one" if page.exists() else ""
     files.write_text(page, _page(a, b, changes, sentences))
@@ -48,6 +52,7 @@ def run_side_by_side(two: Sequence[Path], say: Say, *, opened: Opened = Project.
         "recording": None if merged is None else str(merged),
         "changes": [{"name": c.name, "before": c.before, "after": c.after, "low": c.low, "high": c.high,
                      "unit": c.unit, "known": c.known, "note": c.note} for c in changes],
+        "differs": apart.plain,
     }  # fmt: skip
 
 
