@@ -1,7 +1,7 @@
 """Rows of trials -> rates with Wilson intervals, power curves, and the confusion by class."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -15,6 +15,9 @@ Row = dict[str, Any]
 CLEAR = 8.0  # non-centrality from which on an effect ought to be named
 BINS = (0.0, 4.0, 8.0, 15.0, 40.0, np.inf)  # non-centralities of the power curve
 SAID = ("fresh same", "fresh other", "later")  # groups that how sure a name is rests on
+SAMPLE = 60  # trials of a table that say what their verdict was
+VERDICT = ("verdict", "nearest", "grade", "mechanisms")  # of a row, as a test compares them
+QUANTITIES = ("sum", "share", "size")  # whose 95 % intervals are asked for the truth
 GATED = ("zoomed",)  # unknown kinds that the test of the frame catches
 
 
@@ -146,6 +149,8 @@ def group(rows: Sequence[Row]) -> Row:
     inside = [v for r in right if r.get("adequate") for v in r.get("inside", {}).values()]
     gains = [r["base_heldout"] / r["heldout"] for r in right if r.get("heldout") and r.get("base_heldout")]
     return scores(own) | {
+        "in_nearest": _share(map(in_nearest, own)),
+        "named": _share(map(is_named, own)),
         "top1": _share(hits),
         "top1_interval": wilson(sum(hits), len(hits)),
         "tie": _share(in_set(r) and not alone(r) for r in own),
@@ -235,21 +240,32 @@ def said(rows: Sequence[Row]) -> Row:
 
 def strangers(rows: Sequence[Row]) -> Row:
     """The clear trials of kinds of the folder: the nearest names of those that the library has, and the
-    grades that the others reach."""
+    grades that the others reach; each share with its interval."""
     own = clear(rows)
     have, lack = [r for r in own if all(r["physics"])], [r for r in own if not all(r["physics"])]
     return {
-        "known": {
-            "n": len(have), "in_nearest": rate([in_nearest(r) for r in have]),
-            "wrong_alone": rate([wrong_alone(r) for r in have]),
-            "named": rate([r.get("grade") == Grade.NAMED for r in have]),
-        },
-        "unknown": {
-            "n": len(lack), "named": rate([r.get("grade") == Grade.NAMED for r in lack]),
-            "likely": rate([r.get("grade") == Grade.LIKELY for r in lack]),
-            "mechanism": rate([mechanism_right(r) for r in lack]),
-        },
-    }  # fmt: skip
+        "known": shares(have, in_nearest=in_nearest, wrong_alone=wrong_alone, named=is_named),
+        "unknown": shares(lack, named=is_named, likely=is_likely, mechanism=mechanism_right),
+    }
+
+
+def shares(rows: Sequence[Row], **scores: Callable[[Row], bool]) -> Row:
+    """n, and of every score the share of the rows that have it, with its interval."""
+    out: Row = {"n": len(rows)}
+    for name, score in scores.items():
+        found = rate([score(r) for r in rows])
+        out |= {name: found["rate"], f"{name}_interval": found["interval"]}
+    return out
+
+
+def is_named(row: Row) -> bool:
+    """Whether the verdict is of the surest grade."""
+    return row.get("grade") == Grade.NAMED
+
+
+def is_likely(row: Row) -> bool:
+    """Whether the verdict is of the grade whose names are told as right in 9 of 10."""
+    return row.get("grade") == Grade.LIKELY
 
 
 def over_floor(rows: Sequence[Row]) -> Row:
@@ -282,6 +298,13 @@ def confusion(rows: Sequence[Row]) -> Row:
     return {k: dict(c.most_common()) for k, c in sorted(out.items())}
 
 
+def sample(rows: Sequence[Row], count: int = SAMPLE) -> list[Row]:
+    """Of so many trials, evenly spread, what names them, and what the verdict was: a test runs them again."""
+    own = [r for r in rows if not r.get("failed") and not r["group"].startswith("bodies")]
+    at = np.unique(np.linspace(0, len(own) - 1, count).round().astype(int)) if own else ()
+    return [{key: own[k].get(key) for key in ("key", "without", "commit", *VERDICT)} for k in at]
+
+
 def summary(rows: Sequence[Row]) -> Row:
     """The whole table of the trials that `identify.py` runs."""
     of: dict[str, list[Row]] = {}
@@ -291,10 +314,16 @@ def summary(rows: Sequence[Row]) -> Row:
     for protocol in ("P5", "P3", "P1"):
         table[protocol] = {law: group(of.get(f"{protocol} {law}", [])) for law in ("same", "other")}
     quiet = {name: of.get(name, []) for name in ("white", "ar1")}
-    table["false_alarm"] = {name: rate([not unseen(r) for r in own]) for name, own in quiet.items()}
+    alarms = {name: [not unseen(r) for r in own] for name, own in quiet.items()}
+    both = rate([alarm for own in alarms.values() for alarm in own])
+    table["false_alarm"] = both | {name: rate(own) for name, own in alarms.items()}
     table["unknown"] = unknown_table(of.get("unknown", []))
     table["left_out"] = unknown_table(of.get("left out", []))
-    table["pairs"] = pairs(of.get("pairs", []))
+    single = {law: [*of.get(f"P5 {law}", []), *of.get(f"fresh {law}", [])] for law in ("same", "other")}
+    known = [r for r in [*single["same"], *single["other"], *of.get("later", [])] if all(r["physics"])]
+    second = shares(clear(known), spurious=spurious)
+    second["spurious_n"] = second.pop("n")
+    table["pairs"] = pairs(of.get("pairs", [])) | second
     table["fresh"] = {
         "same": group(of.get("fresh same", [])), "other": group(of.get("fresh other", [])),
         "unknown": unknown_table(of.get("fresh unknown", [])), "pairs": pairs(of.get("fresh pairs", [])),
@@ -304,9 +333,11 @@ def summary(rows: Sequence[Row]) -> Row:
     }
     table["strangers"] = strangers(of.get("later", []))
     table["said"] = said([r for name in SAID for r in of.get(name, [])])
-    single = {law: [*of.get(f"P5 {law}", []), *of.get(f"fresh {law}", [])] for law in ("same", "other")}
+    table["said_9_of_10"] = table["said"][Grade.LIKELY]["name"]
     table["heldout_over_floor"] = {law: over_floor(own) for law, own in single.items()}
     table["coverage"] = {protocol: covered(rows, protocol) for protocol in ("P1", "P3", "P5")}
+    table["coverage"] |= {law: covered_by(own) for law, own in single.items()}
+    table["bodies"] = bodies(of.get("bodies", []))
     table["coverage_nothing_hidden"] = _share(
         v for own in quiet.values() for r in own for v in r.get("inside", {}).values()
     )
@@ -315,6 +346,7 @@ def summary(rows: Sequence[Row]) -> Row:
     seconds = [r["seconds"] for r in rows if "seconds" in r]
     table["seconds"] = {"diagnose_all": _median(seconds), "total": float(np.sum(seconds)) if seconds else 0.0}
     table["solves"] = {"median": _median([r["solves"] for r in rows if "solves" in r])}
+    table["sample"] = sample(rows)
     table["trials"], table["failed"] = len(rows), sum(bool(r.get("failed")) for r in rows)
     return table
 
@@ -324,6 +356,23 @@ def covered(rows: Sequence[Row], protocol: str) -> Row:
     single = [r for r in clear(rows) if r["protocol"] == protocol and len(r["kinds"]) == 1]
     own = [r for r in single if r["physics"][0] and in_set(r) and r.get("adequate")]
     return rate([v for r in own for v in r.get("inside", {}).values()])
+
+
+def covered_by(rows: Sequence[Row]) -> Row:
+    """The same of trials of one law, of each quantity: the sum and the share of the constants, and sizes; n
+    of each."""
+    own = [r for r in clear(rows) if in_set(r) and r.get("adequate")]
+    found = {key: [r["inside"][key] for r in own if key in r.get("inside", {})] for key in QUANTITIES}
+    count = {key: len(hits) for key, hits in found.items()}
+    return {key: _share(hits) for key, hits in found.items()} | {"n": count}
+
+
+def bodies(rows: Sequence[Row]) -> Row:
+    """Of clear films of other bodies: n, how many have a wrong name alone, and the share whose nearest set
+    holds what is hidden."""
+    own = clear(rows)
+    return {"n": len(own), "wrong": sum(map(wrong_alone, own)), "in_nearest": _share(map(in_nearest, own)),
+            "too_faint": len(rows) - len(own)}  # fmt: skip
 
 
 def _share(flags: Any) -> float | None:

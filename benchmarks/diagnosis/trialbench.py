@@ -35,6 +35,7 @@ from twin.virtual.protocols import PROTOCOLS, Protocol, places
 EVERY = KINDS | KINDS_LATER
 RULE = ("calibrate", "twin/diagnosis", "twin/effects", "twin/judging", "twin/model")  # what decides
 SD_MM = 0.015
+NOTHING = "nothing"
 START = np.array([0.2, 0.1])
 NAMES = tuple(places(SHORT))
 EDGE = [k for k, n in enumerate(NAMES) if n.startswith("p")]
@@ -57,8 +58,15 @@ class Spec:
     @property
     def key(self) -> str:
         """What names it in the file of results."""
-        what = "+".join(self.kinds) or "nothing"
+        what = "+".join(self.kinds) or NOTHING
         return f"{self.group}/{self.protocol}/{what}/{self.sigmas:g}/{self.noise}/{self.seed}"
+
+    @staticmethod
+    def of_key(key: str, without: Sequence[str] = ()) -> "Spec":
+        """The trial that a key names."""
+        group, protocol, what, sigmas, noise, seed = key.split("/")
+        kinds = () if what == NOTHING else tuple(what.split("+"))
+        return Spec(group, protocol, kinds, float(sigmas), noise, int(seed), tuple(without))
 
 
 @dataclass(frozen=True)
@@ -262,7 +270,8 @@ def told(spec: Spec, drawn: Sequence[tuple[Kind, float, Array]]) -> dict[str, An
     return {
         "key": spec.key, "rule": rule(), "commit": commit(), "group": spec.group, "protocol": spec.protocol,
         "kinds": list(spec.kinds), "physics": [k.physics for k, _, _ in drawn],
-        "laws": [k.law for k, _, _ in drawn], "wanted": spec.sigmas, "hidden_mechanisms": mechanisms(spec),
+        "laws": [k.law for k, _, _ in drawn], "wanted": spec.sigmas,
+        "without": list(spec.without), "hidden_mechanisms": mechanisms(spec),
         "hidden": [
             {"name": k.name, "size": size, "sigmas": float(np.linalg.norm(z)), "beside": left}
             for (k, size, z), left in zip(drawn, beside, strict=True)
