@@ -180,7 +180,7 @@ class DiagnosisRecord(Record):
         default=(), description="smallest size of every effect that would have been found"
     )
     pairs: tuple[PairRow, ...] = Field(default=(), description="effects tried together")
-    next_test: str | None = Field(default=None, description="what separates a tie, in words")
+    next_test: str | None = Field(default=None, description="what separates a tie, or may refute a name")
     next_tests: tuple[NextTest, ...] = Field(default=(), description="every experiment")
     law_left: LawResidual | None = Field(default=None, description="what the named laws leave")
     frame: FrameTest | None = Field(default=None, description="the test of the fixed markers")

@@ -13,7 +13,7 @@ import numpy as np
 from calibrate import Fit
 from twin.diagnosis.classes import classes_of
 from twin.diagnosis.deciding import Diagnosis, decided
-from twin.diagnosis.grades import grade_of
+from twin.diagnosis.grades import Grade, grade_of
 from twin.diagnosis.hypotheses import Hypothesis, Refit
 from twin.diagnosis.lawresidual import law_residual
 from twin.diagnosis.refitting import with_effects
@@ -174,7 +174,8 @@ def _completed(
     plan: bool,
 ) -> Diagnosis:
     """The diagnosis with the classes of equivalence, the smallest sizes that would have been found, and,
-    where effects are tied and it is to `plan`, the experiments that tell them apart."""
+    where it is to `plan`, the experiments that tell tied effects apart, or would refute one that is not
+    sure."""
     rows = _smallest_sizes(signatures, silent)
     diagnosis = replace(diagnosis, classes=classes_of(signatures), detectable=tuple(rows))
     if diagnosis.verdict == "none needed":
@@ -183,7 +184,9 @@ def _completed(
         shares = scaling_of(base, targets)
         text = f"{diagnosis.sentence} {scaling_in_words(shares)}".strip()
         return replace(diagnosis, scaling=shares, sentence=text)
-    return _planned(diagnosis, base, targets) if diagnosis.ties and plan else diagnosis
+    if not plan or diagnosis.grade in (None, Grade.NAMED):
+        return diagnosis
+    return (_planned if diagnosis.ties else _refutable)(diagnosis, base, targets)
 
 
 def _smallest_sizes(signatures: Signatures, silent: Sequence[Hypothesis]) -> list[Detectable]:
@@ -201,6 +204,23 @@ def _smallest_sizes(signatures: Signatures, silent: Sequence[Hypothesis]) -> lis
         entries = [r.entry for r in seen]
         sizes.append(smallest(effect, columns, nothing, effects=len(tested), entries=entries))
     return sizes
+
+
+def _refutable(diagnosis: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
+    """The diagnosis with the experiments that tell what is named from the best other effect, the one that
+    would refute it most first."""
+    best = diagnosis.tied[0]
+    rival = next((h for h in diagnosis.ranking if h.refit is not None and h.physics not in best.names), None)
+    pair = [h.refit for h in (best, rival) if h is not None and h.refit is not None]
+    if rival is None or len(pair) < 2:
+        return diagnosis
+    try:
+        tests = next_experiments([Member(r.model, r.fit.theta) for r in pair], targets, base.whitener)
+    except Unsolvable:
+        return diagnosis
+    tests = tuple(sorted(tests, key=lambda e: -e.sigmas))
+    told = f"to confirm or refute {best.physics}, next to it {rival.physics}: {in_words(tests[:1])}"
+    return replace(diagnosis, next_tests=tests, next_test=told if tests else "")
 
 
 def _planned(diagnosis: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:

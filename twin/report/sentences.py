@@ -46,7 +46,7 @@ def opening(story: Story) -> list[str]:
     if story.added is not None:
         clauses.append(f"{capital(story.labels[1])} it misses it by {story.added.raw_rms_mm:.3f} mm.")
     sentences = [" ".join(filter(None, clauses))]
-    if last:
+    if last and d.ties:
         return [*sentences, f"To be sure, make the next test: {_small(last)}"]
     if story.added.adequate if story.added else d.adequate:
         return [

@@ -15,12 +15,14 @@ import pytest
 
 from tests.twin.diagnosis.test_twin_verdicts import FIELDS, diagnosed
 from tests.twin.diagnosis.toy import STEPS, Toy, smooth_field, targets, toy_effect
+from twin.diagnosis import procedure
 from twin.diagnosis.diagnosisrecord import DiagnosisRecord, RankingRow
 from twin.diagnosis.grades import FORETOLD, PLAIN, RIGHT, Grade, grade_of
 from twin.diagnosis.hypotheses import Hypothesis, Score
 from twin.effects.library import all_effects
 from twin.effects.mechanism import Mechanism
 from twin.effects.standins import stand_ins
+from twin.experiments.choice import Experiment
 from twin.judging.heldout import forecasts
 from twin.judging.judged import judge
 from twin.targets import Array
@@ -100,6 +102,28 @@ def test_a_right_model_foretells_a_film_that_it_has_not_seen() -> None:
 
 def test_what_appears_later_refutes_it() -> None:
     assert foretold(hidden=0.2, later=0.05, seed=0) < 1e-6
+
+
+def test_the_next_test_of_a_name_that_is_not_sure_is_the_one_that_would_refute_it_most(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[Any] = []
+
+    def tests(members: Any, *others: Any) -> tuple[Experiment, ...]:
+        asked.append([m.model.effects[-1].name for m in members])
+        return tuple(Experiment(experiment=name, sigmas=s, minutes=5.0) for name, s in (("film A", 6.0), ("film B", 9.0)))
+
+    monkeypatch.setattr(procedure, "next_experiments", tests)
+    fields = {"base": smooth_field(1), "alpha": smooth_field(10)}
+    fields["near"] = fields["alpha"] + 0.3 * smooth_field(11)
+    t = targets(1.3 * fields["base"][0] + 0.2 * fields["alpha"][0], seed=0)
+    effects = [toy_effect("alpha"), toy_effect("near")]
+    model: Any = Toy(fields)
+    found = procedure.diagnose(model, effects, t, seed=0, start=np.array([1.0]), beside=())
+    assert (found.verdict, found.grade) == ("alpha", Grade.LIKELY)
+    assert asked == [["alpha", "near"]]
+    assert [e.experiment for e in found.next_tests] == ["film B", "film A"]
+    assert found.next_test.startswith("to confirm or refute alpha, next to it near: film B (5 minutes): 9.0 sigma")
 
 
 def test_how_often_a_grade_was_right_is_as_the_table_of_trials_has_it() -> None:
