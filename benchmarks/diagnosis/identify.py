@@ -30,6 +30,7 @@ from typing import Any
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
 from benchmarks.commandline import options
+from benchmarks.diagnosis.bodyfilms import films
 from benchmarks.diagnosis.laterkinds import KINDS_LATER, STAND_INS_LATER
 from benchmarks.diagnosis.tally import CLEAR, summary
 from benchmarks.diagnosis.trialbench import (
@@ -99,7 +100,7 @@ def specs() -> list[Spec]:
     groups.append(without_stand_ins(left))
     groups.append(_trials("fresh unknown", "P5", UNKNOWN, PLAIN, 10 * len(UNKNOWN), first=30_000 + FRESH))
     groups += [_pairs("pairs", 120, 40_000, 5), _pairs("fresh pairs", 40, 40_000 + FRESH, 6)]
-    return spread([*groups, *later()])
+    return spread([*groups, *later(), *films()])
 
 
 def later() -> list[list[Spec]]:

@@ -337,7 +337,7 @@ def summary(rows: Sequence[Row]) -> Row:
     table["heldout_over_floor"] = {law: over_floor(own) for law, own in single.items()}
     table["coverage"] = {protocol: covered(rows, protocol) for protocol in ("P1", "P3", "P5")}
     table["coverage"] |= {law: covered_by(own) for law, own in single.items()}
-    table["bodies"] = bodies(of.get("bodies", []))
+    table["bodies"] = bodies([r for r in rows if r["group"].startswith("bodies")])
     table["coverage_nothing_hidden"] = _share(
         v for own in quiet.values() for r in own for v in r.get("inside", {}).values()
     )
