@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from itertools import combinations
@@ -30,7 +30,7 @@ from typing import Any
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks import ROOT
 from benchmarks.commandline import options
-from benchmarks.diagnosis.bodyfilms import films
+from benchmarks.diagnosis import bodyfilms
 from benchmarks.diagnosis.laterkinds import KINDS_LATER, STAND_INS_LATER
 from benchmarks.diagnosis.tally import CLEAR, summary
 from benchmarks.diagnosis.trialbench import (
@@ -42,6 +42,7 @@ from benchmarks.diagnosis.trialbench import (
     cosine,
     largest,
     rule,
+    run,
 )
 
 import numpy as np
@@ -100,7 +101,7 @@ def specs() -> list[Spec]:
     groups.append(without_stand_ins(left))
     groups.append(_trials("fresh unknown", "P5", UNKNOWN, PLAIN, 10 * len(UNKNOWN), first=30_000 + FRESH))
     groups += [_pairs("pairs", 120, 40_000, 5), _pairs("fresh pairs", 40, 40_000 + FRESH, 6)]
-    return spread([*groups, *later(), *films()])
+    return spread([*groups, *later(), *bodyfilms.films()])
 
 
 def later() -> list[list[Spec]]:
@@ -179,10 +180,15 @@ def done(folder: Path) -> list[dict[str, Any]]:
     return [row for row in rows if row.get("rule") == rule()]
 
 
+def how(spec: Spec) -> Callable[[Spec], dict[str, Any]]:
+    """What runs a trial: of another body whole solves, else the tables of the short finger."""
+    return bodyfilms.run if spec.group.startswith(bodyfilms.GROUP) else run
+
+
 def ran(todo: Sequence[Spec], file: Path, *, until: float, tell: bool) -> Iterable[dict[str, Any]]:
     """The rows of trials as they end, each written to a file; none is waited for after `until`."""
     with file.open("a", encoding="utf-8") as out:
-        for k, (_, row) in enumerate(current().ended([partial(attempted, s) for s in todo])):
+        for k, (_, row) in enumerate(current().ended([partial(attempted, s, how(s)) for s in todo])):
             out.write(json.dumps(row) + "\n")
             out.flush()
             if tell:

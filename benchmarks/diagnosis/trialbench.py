@@ -5,7 +5,7 @@ import ast
 import hashlib
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -255,12 +255,10 @@ def run(spec: Spec) -> dict[str, Any]:
     return row
 
 
-def attempted(spec: Spec) -> dict[str, Any]:
-    """As `run`; a trial that breaks is a row too, and no hit."""
-    from benchmarks.diagnosis import bodyfilms
-
+def attempted(spec: Spec, how: Callable[[Spec], dict[str, Any]] = run) -> dict[str, Any]:
+    """As `how` runs it; a trial that breaks is a row too, and no hit."""
     try:
-        return bodyfilms.run(spec) if spec.group.startswith(bodyfilms.GROUP) else run(spec)
+        return how(spec)
     except Exception as error:
         text = f"failed: {type(error).__name__}: {error}"
         return told(spec, ()) | {"verdict": text, "names": [], "seconds": 0.0, "failed": True}
