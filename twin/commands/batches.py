@@ -11,9 +11,9 @@ from typer import Argument
 from calibrate.randomeffects import LEAST, Newcomer, newcomer
 from calibrate.statistics import holm
 from twin import files
+from twin.batches.castings import Casting, casting
 from twin.batches.series import Opened, batches_in
 from twin.batches.values import BatchValue, values_of
-from twin.bench.castings import Casting, casting
 from twin.bench.fits import fit_file, newest
 from twin.bench.modeldifferences import other_models, same_films
 from twin.csvtable import as_text

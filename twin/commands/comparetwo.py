@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from twin import files
+from twin.batches.castings import Casting, casting
 from twin.batches.series import Opened
 from twin.batches.side import Laid, write_side_by_side
 from twin.batches.values import BatchChange, BatchValue, changes_of, values_of
-from twin.bench.castings import Casting, casting
 from twin.bench.fits import fit_file, newest
 from twin.bench.modeldifferences import other_effects, other_models, same_films
 from twin.diagnosis.diagnosisrecord import NONE, DiagnosisRecord

@@ -9,8 +9,8 @@ import pytest
 
 from tests.messages import says
 from tests.twin.diagnosis.toy import Toy, smooth_field, targets, toy_effect
+from twin.batches.castings import sentences
 from twin.batches.differences import CONSTANTS, MODULUS, Differing, differing
-from twin.bench.castings import sentences
 
 BASE = smooth_field(1)
 FIELDS = {"base": BASE, "alpha": smooth_field(10), "beta": smooth_field(11), "mimic": smooth_field(10)}
