@@ -29,7 +29,7 @@ from benchmarks.diagnosis.trialbench import START, Scene, Spec, candidates, comm
 
 import numpy as np
 
-from twin.batches.differences import Asked, differing
+from twin.batches.differences import SecondFilm, differing
 from twin.effects.library import effect
 from twin.effects.shape import WallThickness
 from twin.executors.local import Processes, current, using
@@ -101,7 +101,7 @@ def asked(pair: Pair) -> dict[str, Any]:
     values, covariance = fit.values, fit.fit.covariance
     effects = (*candidates(), WallThickness())
     found = differing(model, values, covariance, targets, effects)
-    asks = Asked.of(model, values, covariance, targets)
+    asks = SecondFilm.of(model, values, covariance, targets)
     z = asks.whitener.whiten(
         _moved(other, more, targets.value.shape) - _moved(other, hidden, targets.value.shape)
     )

@@ -34,7 +34,7 @@ LEAVES = 0.03  # of the best one's evidence, by which no law is exact: what is c
 
 
 @dataclass(frozen=True, kw_only=True)
-class Change:
+class Deviation:
     """One way in which a finger may differ. model, values: with the change absent; directions (k, d): what an
     amplitude does to the model's parameters, sd (k,) of its prior, and the bounds low, high (k,) of it; rows
     (k, s, p, 3) mm: what it does to the displacements, to first order; told: in words, at values."""
@@ -104,7 +104,7 @@ def differing(
 ) -> Differing:
     """What a film's finger differs in from a model at fitted values with a covariance (d, d), of its own
     parameters and of effects that it lacks. Raises Unsolvable where the model has no equilibrium there."""
-    asked = Asked.of(model, values, covariance, targets)
+    asked = SecondFilm.of(model, values, covariance, targets)
     changes = [*own_changes(model, values), *asked.of_effects(effects)]
     rows = sorted(asked.hinted(changes), key=lambda row: -row[1])
     done: list[Difference] = []
@@ -122,7 +122,7 @@ def differing(
     return Differing(before=asked.before, ranking=tuple(done), proven=proven, hints=hints)
 
 
-def own_changes(model: Model, values: Theta) -> list[Change]:
+def own_changes(model: Model, values: Theta) -> list[Deviation]:
     """The changes of what a model has: all moduli alike, each constant by itself, and the size of each of its
     effects."""
     names, jacobian = [p.name for p in model.parameters], model.jacobian(model.theta(values))
@@ -130,9 +130,9 @@ def own_changes(model: Model, values: Theta) -> list[Change]:
     moduli = [name for name in (model.law.moduli if model.law else ()) if name in rows]
     total = sum(values[name] for name in moduli)
 
-    def change(name: str, directions: Array, sd: Array, told: Callable[[Theta], str]) -> Change:
+    def change(name: str, directions: Array, sd: Array, told: Callable[[Theta], str]) -> Deviation:
         free = np.full(len(sd), np.inf)
-        return Change(
+        return Deviation(
             name=name, model=model, values=values, directions=directions, sd=sd, low=-free, high=free,
             rows=np.tensordot(directions, jacobian, 1), told=told,
         )  # fmt: skip
@@ -160,7 +160,7 @@ def own_changes(model: Model, values: Theta) -> list[Change]:
 
 
 @dataclass(frozen=True)
-class Asked:
+class SecondFilm:
     """The second film at the values of the first fit: the whitener with what that left uncertain, the
     whitened residual, and the comparison."""
 
@@ -172,7 +172,7 @@ class Asked:
     before: Comparison
 
     @staticmethod
-    def of(model: Model, values: Theta, covariance: Array, targets: Targets) -> "Asked":
+    def of(model: Model, values: Theta, covariance: Array, targets: Targets) -> "SecondFilm":
         theta = model.theta(values)
         jacobian = model.jacobian(theta)
         sizes, axes = np.linalg.eigh(covariance)
@@ -181,9 +181,9 @@ class Asked:
         w = w.beside(uncertain, ["former"] * len(uncertain))
         predicted = model.predict(theta)
         before = compare(targets, predicted, w, jacobian=jacobian[:0])
-        return Asked(model, values, targets, w, before.whitened, before)
+        return SecondFilm(model, values, targets, w, before.whitened, before)
 
-    def of_effects(self, effects: Sequence[Effect]) -> list[Change]:
+    def of_effects(self, effects: Sequence[Effect]) -> list[Deviation]:
         """The changes by effects that the model lacks, each where it shows most."""
         have = {e.name for e in self.model.effects}
         able = [
@@ -191,7 +191,7 @@ class Asked:
             if e.name not in have and e.smooth and not lacking(e.requires, self.targets)
             and on_a_basis(e, self.model.test)
         ]  # fmt: skip
-        tangents, out = self.model.tangents(self.model.theta(self.values), able), list[Change]()
+        tangents, out = self.model.tangents(self.model.theta(self.values), able), list[Deviation]()
         for e in able:
             parameters = e.amplitudes
             offset, sd = (np.array([of(p) for p in parameters]) for of in (null, prior_sd))
@@ -204,7 +204,7 @@ class Asked:
             names = [p.name for p in model.parameters]
             values = {**self.values, **entry, **{p.name: null(p) for p in parameters}}
             directions = np.array([np.eye(len(names))[names.index(p.name)] for p in parameters])
-            out.append(Change(
+            out.append(Deviation(
                 name=e.name, model=model, values={name: values[name] for name in names},
                 directions=directions, sd=sd, low=low, high=high, rows=rows, told=held.told,
             ))  # fmt: skip
@@ -214,7 +214,7 @@ class Asked:
         """The products of displacements (k, s, p, 3) mm, per prior sd (k,), with the residual."""
         return Gram.of(self.z, self.whitener.whiten(rows).T * sd)
 
-    def hinted(self, changes: Sequence[Change]) -> list[tuple[Change, float, Array]]:
+    def hinted(self, changes: Sequence[Deviation]) -> list[tuple[Deviation, float, Array]]:
         """Each change with its 2 ln B to first order, and the amplitudes (k,) that it promises."""
         out = []
         for c in changes:
@@ -223,12 +223,12 @@ class Asked:
             out.append((c, fall - occam(step, gram.S), step * c.sd))
         return out
 
-    def _columns(self, c: Change, a: Array) -> tuple[Array, Array]:
+    def _columns(self, c: Deviation, a: Array) -> tuple[Array, Array]:
         """The derivatives (k, s, p, 3) mm by a change's amplitudes at them, and whitened (n, k)."""
         rows = np.tensordot(c.directions, c.model.jacobian(c.at(a)), 1)
         return rows, self.whitener.whiten(rows).T
 
-    def refitted(self, c: Change, begin: Array) -> Difference | None:
+    def refitted(self, c: Deviation, begin: Array) -> Difference | None:
         """The change fitted by Gauss-Newton steps from amplitudes (k,); None where it cannot be solved."""
         a, objective, z = np.zeros(len(c.sd)), float(self.z @ self.z), self.z
         step: Array = begin
@@ -254,7 +254,7 @@ class Asked:
             comparison=compare(self.targets, c.model.predict(c.at(a)), self.whitener, jacobian=rows),
         )  # fmt: skip
 
-    def _tried(self, c: Change, a: Array) -> tuple[Array, float, Array] | None:
+    def _tried(self, c: Deviation, a: Array) -> tuple[Array, float, Array] | None:
         """Amplitudes, objective and whitened residual; None where there is no equilibrium."""
         try:
             z = self.whitener.whiten(self.targets.value - c.model.predict(c.at(a)))
