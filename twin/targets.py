@@ -305,10 +305,58 @@ class Targets:
 
         return pandas.DataFrame(self.columns())
 
+    @cached_property
+    def between(self) -> Array:
+        """The sd (s,) MPa of each step's pressure that comes from where it lies between the log's samples."""
+        return between_samples(self.log_time, self.log_pressure, self.time)
+
+    @property
+    def pressure_error(self) -> Array:
+        """The sd (s,) MPa of each step's pressure: noise of the gauge, and what the log leaves open."""
+        return np.hypot(self.pressure_sd, self.between)
+
+    @property
+    def logged(self) -> "Targets":
+        """The targets without the finger's values at steps whose pressure the log leaves open by more than
+        OPEN of its range: so large an error is not in proportion to the slope of the motion."""
+        left_open = self.between > OPEN * float(np.ptp(self.log_pressure))
+        valid = self.valid & ~(left_open[:, None] & ~self.fixed)[..., None]
+        return replace(self, valid=valid) if left_open.any() else self
+
     @property
     def has_log(self) -> bool:
         """True where the pressure between the steps was recorded; effects with a memory need it."""
         return not np.array_equal(self.log_time, self.time)
+
+
+ALIKE = 2.0  # longest over shortest of three intervals of a logger
+OPEN = 0.005  # of the log's range: of it the motion's slope by the pressure changes by some 1 %
+
+
+def between_samples(time: Array, value: Array, at: Array) -> Array:
+    """How far a course may lie off the lines between its samples at times (s,): the sd (s,), in its unit.
+
+    time (t,) s and value (t,): the samples. Where both ends of an interval bend the same way, a course that
+    bends so within it lies between its line and the lines of the intervals beside it, drawn on. This distance
+    is the sd, as a corner reaches it. Nothing is added where the bends differ, nor where the intervals are
+    not alike: the corners of a course that somebody wrote down are its samples.
+
+    >>> time = np.arange(0.0, 0.6, 0.1)
+    >>> ramp = 10.0 * np.clip(time - 0.25, 0.0, None)  # a corner between two samples
+    >>> between_samples(time, ramp, np.array([0.1, 0.22, 0.25])).round(3).tolist()
+    [0.0, 0.1, 0.25]
+    """
+    if len(time) < 4:
+        return np.zeros(len(at))
+    step = np.diff(time)
+    slope = np.diff(value) / step
+    k = np.clip(np.searchsorted(time, at, side="right") - 1, 1, len(slope) - 2)
+    before = (slope[k] - slope[k - 1]) * (at - time[k])
+    after = (slope[k + 1] - slope[k]) * (time[k + 1] - at)
+    beside = np.stack([step[k - 1], step[k], step[k + 1]])
+    alike = beside.max(axis=0) < ALIKE * beside.min(axis=0)
+    inside = (time[k] <= at) & (at <= time[k + 1]) & (before * after > 0) & alike
+    return np.where(inside, np.minimum(np.abs(before), np.abs(after)), 0.0)
 
 
 def _displacement(i: int) -> Callable[[Targets], Array]:

@@ -27,21 +27,27 @@ def laws_of(project: Project, text: str, say: Say) -> tuple[tuple[Effect, ...], 
     if others:
         labels = [AND.join(e.label for e in group) for group in (first_group, *others)]
         say(f"Taken is {labels[0]}; name {OR.join(labels[1:])} instead to take that.")
-    by_name, start = _kept(project)
-    chosen = tuple(by_name.get(e.label, e) for e in first_group)
-    return chosen, start if {e.label for e in chosen} & {e.label for e in by_name.values()} else {}
+    laws, starts = _refitted(project)
+    chosen = tuple(laws.get(e.label, e) for e in first_group)
+    return chosen, next((starts[e.label] for e in chosen if e.label in starts), {})
 
 
-def _kept(project: Project) -> tuple[dict[str, Effect], Start]:
-    """The effects of the newest diagnosis by name, in the laws that it chose, and the start values of their
-    fit; nothing without a valid diagnosis."""
+def _refitted(project: Project) -> tuple[dict[str, Effect], dict[str, Start]]:
+    """What the newest diagnosis refitted: effects by name, in the laws that it chose or that came nearest,
+    and the start values of their fits by law; nothing without a valid diagnosis."""
     path = fresh(project, ("diagnose",), "diagnosis.json")
-    law = files.read(DiagnosisRecord, path).law if path else None
-    if path is None or not law or not path.with_name("kept.json").exists():
+    if path is None:
         return {}, {}
+    record, kept = files.read(DiagnosisRecord, path), path.with_name("kept.json")
+    rows = [row for row in reversed(record.ranking) if row.parameters]
+    laws = [row.law for row in rows]
+    starts: dict[str, Start] = {row.law: {n: e.value for n, e in row.parameters.items()} for row in rows}
+    if record.law and kept.exists():
+        named = record.law.split(AND)
+        laws += named
+        starts |= dict.fromkeys(named, files.read(FitRecord, kept).start or {})
     options: dict[str, Any] = {"users": own_of(project), "law": law_of_project(project)}
-    by_name = {name_of(label): effect(label, **options) for label in law.split(AND)}
-    return by_name, files.read(FitRecord, path.with_name("kept.json")).start or {}
+    return {name_of(law): effect(law, **options) for law in laws}, starts
 
 
 def named_effect(project: Project, name: str) -> str:

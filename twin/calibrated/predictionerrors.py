@@ -88,7 +88,7 @@ def amounts_told(
     columns, prior = uncertain.columns, uncertain.prior
     s, p = targets.valid.shape[:2]
     nothing = np.zeros((0, *targets.value.shape))
-    gauge = model.per_pressure(theta)[:s, :p] * targets.pressure_sd[:, None, None]
+    gauge = model.per_pressure(theta)[:s, :p] * targets.pressure_error[:, None, None]
     w = whitener(targets, prediction_modes=nothing, gauge=gauge, points=~targets.fixed)
     residual = targets.value - model.predict(theta)[:s, :p]
     if (trimmed := without_gross(targets, residual, w)) is not targets:

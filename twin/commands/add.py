@@ -37,6 +37,8 @@ def run_add(
         why = "The diagnosis names no effect: nothing is added."
         if found and found.ties:
             why = f"{found.sentence} Nothing is added: name one, as in `twin add {found.named[0]}`."
+        elif found and found.nearest:
+            why += f" `twin add {found.nearest[0]}` adds what comes nearest."
         say(why)
         return {"stage": "add", "status": "skipped", "named": []}
     return one_after_another(_add, project, say, names or [verdict])

@@ -19,7 +19,7 @@ from twin.gauge.pressurelog import GaugeNoise, Log
 from twin.gauge.synchrony import Join, Motion
 from twin.inputs.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.films import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
-from twin.inputs.filmtargets import make_targets, read_late, said_of_readout
+from twin.inputs.filmtargets import make_targets, read_late, said_of_log_rate, said_of_readout
 from twin.inputs.recordings import (
     face_of,
     gauge_of,
@@ -157,7 +157,7 @@ def _not_of_now(newest: Path | None, why: Sequence[str], owner: str | None) -> s
 def _from_foreign(project: Project, say: Say, run: Run) -> Targets:
     """The targets of another program's file."""
     targets = import_targets(project, say)
-    run.summary.update(_counts(targets) | {"remarks": []})
+    run.summary.update(_counts(targets) | {"remarks": [*said_of_log_rate(targets)]})
     return targets
 
 
@@ -173,7 +173,8 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     run.write_bytes("overlay.png", _overlay(project, moved))
     run.write_text("budget.csv", _budget_csv(moved, targets))
     _write_strain(run, moved, lens_of(project, camera_table(project)).size)
-    run.summary.update(_summary(targets, measured, said_of_readout(targets, readout_ms)))
+    remarks = (*said_of_readout(targets, readout_ms), *said_of_log_rate(targets))
+    run.summary.update(_summary(targets, measured, remarks))
     run.summary["coding"] = [*moved.coding, *filter(None, [scattered])]
     for sentence in (*moved.notes, *run.summary["coding"]):
         run.note(sentence)

@@ -112,7 +112,7 @@ class Outlook:
         p, i = components.T
         near = self._nearest(truth, p)
         sd, old = self._sd(near, i, truth.interval), p < self.u.shape[1]
-        gauge = truth.slope[:, p, i] * float(np.median(self.targets.pressure_sd)) / sd
+        gauge = truth.slope[:, p, i] * float(np.median(self.targets.pressure_error)) / sd
         shared = self._carried(truth, p, near, i)
         both = np.concatenate([np.where(old, shared, 0.0), np.where(old, 0.0, shared)])
         both = both[: len(shared)] if old.all() else both

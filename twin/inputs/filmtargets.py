@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from twin.gauge.pressurelog import GaugeNoise, Log
 from twin.gauge.synchrony import Join
-from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, at_node
+from twin.targets import OPEN, Array, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
 if TYPE_CHECKING:
     from vision import Displacements, Video
@@ -84,6 +84,20 @@ def said_of_readout(targets: Targets, readout_ms: float | None) -> tuple[str, ..
         f"The camera reads the rows of a frame one after another, in {readout_ms:g} ms (readout_ms). "
         f"Markers that move far from the picture's middle are off by up to {most:.2g} mm. This is stated as "
         "the error readout, and not corrected.",
+    )
+
+
+def said_of_log_rate(targets: Targets) -> tuple[str, ...]:
+    """A sentence where the pressure's samples are too far apart for what it does."""
+    lost = int((targets.valid != targets.logged.valid).any(axis=(1, 2)).sum())
+    if not lost:
+        return ()
+    apart = float(np.median(np.diff(targets.log_time)))
+    return (
+        f"The pressure log has a sample every {apart:.2g} s. At {lost} of {len(targets.time)} frames, where "
+        f"the pressure turns between two samples, it leaves open more than {100 * OPEN:g} % of its range, up "
+        f"to {1e3 * float(targets.between.max()):.2g} kPa: these frames are not used. A faster log keeps "
+        "them.",
     )
 
 

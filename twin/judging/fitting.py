@@ -33,7 +33,7 @@ class ModelErrors:
     def of(model: Model, theta: Array, targets: Targets, *, law: float = 0.0) -> "ModelErrors":
         """The errors of a model at theta (d,); law: by which share of what they add its laws err, 1 sd."""
         laws = law_errors(model, theta, targets) if law else ()
-        gauge = model.per_pressure(theta) * targets.pressure_sd[:, None, None]
+        gauge = model.per_pressure(theta) * targets.pressure_error[:, None, None]
         return ModelErrors(
             gauge=gauge,
             modes=np.concatenate([model.modes(theta), _of_mesh(model, theta, targets, gauge)]),

@@ -131,7 +131,7 @@ def read_targets(folder: Path, *, nodes: Mapping[str, int] | None = None) -> Tar
     targets = Targets(
         time=grid.time, pressure=grid.pressure, block=grid.block, **measured, **described,
         log_time=log[0], log_pressure=log[1],
-    )  # fmt: skip
+    ).logged  # fmt: skip
     if not any(n.is_stated for n in noises):
         return targets
     from twin.judging.scatter import with_own_noise

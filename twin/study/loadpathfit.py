@@ -215,7 +215,7 @@ class OnPaths:
         out, h = np.zeros_like(t.value), 1e-3 * max(float(t.pressure.max()), LEAST_MPA)
         a, b = (self.paths.predict(constants, np.maximum(t.pressure, h) + d) for d in (-h, h / 2))
         if a is not None and b is not None:
-            out[:, self.rows] = (b - a) / (1.5 * h) * t.pressure_sd[:, None, None]
+            out[:, self.rows] = (b - a) / (1.5 * h) * t.pressure_error[:, None, None]
         return out
 
 

@@ -64,7 +64,7 @@ def plainness(change: Array, targets: Targets, fitted: Array, slope: Array) -> f
     in half of the films at a level of 0.3 %.
     """
     nothing = np.zeros((0, *targets.value.shape))
-    w = whitener(targets, prediction_modes=nothing, gauge=slope * targets.pressure_sd[:, None, None])
+    w = whitener(targets, prediction_modes=nothing, gauge=slope * targets.pressure_error[:, None, None])
     rows = w.whiten(fitted).T
     z = w.whiten(_relative(change, targets))
     return float(np.linalg.norm(z - rows @ np.linalg.lstsq(rows, z, rcond=1e-12)[0]))

@@ -9,6 +9,7 @@ import pytest
 from calibrate import Parameter, least_squares
 from tests.messages import Lines, saying
 from twin import files
+from twin.bench.effectlaws import laws_of
 from twin.bench.fits import fresh, named_effects, newest_fit, stale, stale_sentences
 from twin.bench.waterfall import in_words, stairs
 from twin.commands.add import run_add
@@ -221,3 +222,25 @@ def test_nothing_is_added_where_the_diagnosis_names_no_effect(root: Path) -> Non
     edit(root, 'candidates = ["creep"]', 'candidates = ["clamp"]')
     with pytest.raises(ValueError, match=saying(r"\[diagnose\]", "twin.toml")):
         named_effects(Project.open(root))
+
+
+def test_an_effect_that_no_verdict_names_starts_from_its_refit(root: Path) -> None:
+    project, say = Project.open(root), Lines()
+    with project.new_run("diagnose") as run:
+        best = {"effect": "creep", "law": "creep:2", "parameters": {"C10": {"value": 0.2}, "creep.g1": {"value": 0.04}}}
+        narrow = {"effect": "creep", "law": "creep", "parameters": {"C10": {"value": 0.3}}}
+        never = {"effect": "tube", "law": "tube"}
+        run.write_json(
+            "diagnosis.json",
+            {"verdict": "none of these", "named": [], "ranking": [best, narrow, never], "nearest": ["creep"]},
+        )
+    assert run_add(project, say)["status"] == "skipped"
+    assert say == ["The diagnosis names no effect: nothing is added. `twin add creep` adds what comes nearest."]
+
+    def taken(name: str) -> tuple[str, dict[str, float]]:
+        (chosen,), start = laws_of(project, name, say)
+        return chosen.label, start
+
+    assert taken("creep") == ("creep:2", {"C10": 0.2, "creep.g1": 0.04})
+    assert taken("creep:2") == taken("creep")
+    assert taken("tube") == ("tube", {})
