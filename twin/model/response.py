@@ -275,6 +275,7 @@ class Surrogate(Model):
         every, n = self._kernel(x, x, stretch), np.arange(len(x))
         kernel = every[n[:, None], n[None, :], along[:, None], along[None, :]]
         sd, size = np.array([r.sd for r in self.rows]), np.sqrt(np.diag(kernel))
+        size = np.where(size > 0, size, 1.0)  # of a derivative that this stretch takes for zero
         unit = kernel / np.outer(size, size) + np.diag(sd**2)
         inverse = np.linalg.inv(unit) / np.outer(size, size)
         values = np.array([r.value for r in self.rows])
