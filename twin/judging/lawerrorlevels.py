@@ -115,10 +115,9 @@ def inexact(judged: Judged, targets: Targets) -> Judged:
     exact = judge_fit(judged.model, targets, judged.fit) if judged.errors.law else judged
     rows = levels(exact, targets)[1:]
     C = np.array([np.linalg.pinv(row.fitted.T @ row.fitted, rcond=1e-12, hermitian=True) for row in rows])
-    volumes = np.linalg.slogdet(C)[1]
-    if not np.isfinite(volumes).all():  # what these data leave open has no width to average
+    fall = np.linalg.slogdet(C)[1] - np.array([row.deviance for row in rows])
+    if not np.isfinite(fall).all():  # what these data leave open has no width to average
         return judged
-    fall = volumes - np.array([row.deviance for row in rows])
     w = np.array(WEIGHTS[1:]) * np.exp(np.maximum(fall - fall.max(), -700.0) / 2)
     d, eps = np.array([row.step for row in rows]), np.array([row.law for row in rows])
     amplitudes = {p.name: p.null or 0.0 for e in erring(judged.model) for p in e.amplitudes}
