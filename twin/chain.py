@@ -89,6 +89,10 @@ COMMANDS = (
         group=Group.SET_UP, function="twin.commands.init:run_init", needs=Needs.FOLDER,
     ),
     Command(
+        name="setup", title="Make twin.toml from a folder with film, board and log.",
+        group=Group.SET_UP, function="twin.commands.setup:run_setup", needs=Needs.FOLDER,
+    ),
+    Command(
         name="virtual", title="Make a project of a virtual experiment, its truth sealed.",
         group=Group.SET_UP, function="twin.commands.virtual:run_virtual", needs=Needs.FOLDER,
     ),

@@ -1,7 +1,8 @@
 """The recordings of a project: cameras, films, pressure log, and targets made of them.
 
 Read `recordings` first: films with their cameras, markers and the log, and displacements of other programs.
-`cameras` gives the lens of each film, as camera.json holds it, and the clock of a board's film. `filmcheck`
-looks at films within seconds, before anything is measured. `synchronisation` puts film and log on one clock.
-`filmtargets` makes targets of one film, `films` puts the targets of several together.
+`foundrecordings` finds them in a folder. `cameras` gives the lens of each film, as camera.json holds it, and
+the clock of a board's film. `filmcheck` looks at films within seconds, before anything is measured.
+`synchronisation` puts film and log on one clock. `filmtargets` makes targets of one film, `films` puts the
+targets of several together.
 """

@@ -1,12 +1,11 @@
 """The printed sheet of markers round the finger, frame.toml: places in mm as the printer was told them."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
 
-from twin.marktables import FrameTable, MarkerTable
+from twin.marktables import MarkerTable
 from twin.project.config import Config
 from twin.tablemodel import Length, Positive, SdMm, TableModel
 from twin.validation import checked, tables_of, value_text
@@ -64,14 +63,13 @@ def with_sheet(config: Config, folder: Path) -> Config:
 
     The error of the printer's scale is what the rulers tell; where nobody measured them, `UNMEASURED`.
     """
-    frame = config.frame
+    frame, measure = config.frame, config.measure
     if frame.sheet is None:
         return config
     sheet = read_sheet(folder / frame.sheet)
-    measure = config.measure
     scale = measure.scale_sd if frame.ruler_mm else float((measure.scale_sd**2 + UNMEASURED**2) ** 0.5)
     update = {"frame_sd_mm": sheet.sd_mm, "scale_sd": scale}
-    placed = frame.model_copy(update={"markers": tuple(_placed(sheet, frame, _face(config)))})
+    placed = frame.model_copy(update={"markers": markers_of(sheet, config)})
     full = config.model_copy(
         update={"frame": placed, "measure": measure.model_copy(update=update)}
     )
@@ -108,8 +106,9 @@ def _face(config: Config) -> float:
     return 0.5 * float(width) * (-1.0 if config.frame.finger == "right" else 1.0)
 
 
-def _placed(sheet: SheetTable, frame: FrameTable, y: float) -> Iterable[MarkerTable]:
+def markers_of(sheet: SheetTable, config: Config) -> tuple[MarkerTable, ...]:
     """The markers in world axes, which the finger's direction turns: x goes from the clamp to its tip."""
+    frame, y = config.frame, _face(config)
     measured = frame.ruler_mm or sheet.ruler_mm
     across, upright = (m / d for m, d in zip(measured, sheet.ruler_mm, strict=True))
     if max(abs(across - 1.0), abs(upright - 1.0)) > OFF:
@@ -119,10 +118,14 @@ def _placed(sheet: SheetTable, frame: FrameTable, y: float) -> Iterable[MarkerTa
             "print at 100 %"
         )
     along = 1.0 if frame.finger == "right" else -1.0
-    for mark in sheet.markers:
-        x = across * (along * mark.place_mm[0] + sheet.clamp_mm)
-        place = (round(x, 4), y, round(upright * mark.place_mm[1], 4))
-        yield MarkerTable(
-            name=f"s{mark.marker}", marker=mark.marker, role=mark.role, position_mm=place,
-            size_mm=sheet.size_mm * (across * upright) ** 0.5,
-        )  # fmt: skip
+
+    def placed(right: float, up: float) -> tuple[float, float, float]:
+        return round(across * (along * right + sheet.clamp_mm), 4), y, round(upright * up, 4)
+
+    size = sheet.size_mm * (across * upright) ** 0.5
+    return tuple(
+        MarkerTable(
+            name=f"s{m.marker}", marker=m.marker, role=m.role, position_mm=placed(*m.place_mm), size_mm=size
+        )
+        for m in sheet.markers
+    )

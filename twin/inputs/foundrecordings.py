@@ -1,0 +1,283 @@
+"""What lies in a folder of recordings: which film is the test, which tags move, the board, and the log."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.gauge.onset import whole_film
+from twin.gauge.pressurelog import Log, read_log
+from twin.gauge.synchrony import Motion
+from twin.project.cameratables import BoardTable
+from twin.targets import Array
+
+if TYPE_CHECKING:  # vision takes a second to import
+    from vision.camera import Image
+
+FILMS = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg")
+LOGS = (".csv", ".txt", ".tsv", ".dat")
+OWN = ("runs", "targets", "cache", "effects")  # folders that commands write
+LOOKED_AT, LEAST_BOARDS, IN_BOARDS = 40, 4, 8  # frames of a film; pictures of a board, and how many are tried
+OFTEN = 0.5  # share of the frames in which a tag is read
+MOVES_PX, TIMES = 1.0, 8.0  # a tag moves that goes so far, and so many times as far as those that stand still
+NOISE_PX = 0.2  # of a tag's middle by its corners
+
+
+@dataclass(frozen=True)
+class Tags:
+    """Where the tags of a film are in frames over its whole length."""
+
+    path: Path
+    codes: tuple[int, ...]  # those that are read often
+    time: Array  # (k,) s from the first frame
+    quads: Array  # (k,n,4,2) px, corners; NaN where not read
+    frames: int  # of the film
+    board: bool = False  # whether it shows the board
+
+    @property
+    def centre(self) -> Array:
+        """Middles (k,n,2) px."""
+        return np.asarray(self.quads.mean(axis=2))
+
+    @cached_property
+    def reach(self) -> Array:
+        """The farthest way (n,) px of each tag from where it is first seen."""
+        away = np.linalg.norm(self.centre - first(self.centre), axis=2)
+        return np.asarray(np.nanmax(away, axis=0))
+
+    @cached_property
+    def moves(self) -> NDArray[np.bool_]:
+        """Mask (n,) of the tags that move, beside those that stand still."""
+        if not self.codes:
+            return np.zeros(0, bool)
+        return np.asarray(self.reach > max(MOVES_PX, TIMES * float(np.quantile(self.reach, 0.25))))
+
+    def motion(self) -> Motion:
+        """Way of the moving tags from their first places, in px."""
+        squares = ((self.centre - first(self.centre))[:, self.moves] ** 2).sum(axis=2)
+        return Motion(self.time, np.sqrt(squares.mean(axis=1)), NOISE_PX)
+
+
+def first(values: Array) -> Array:
+    """The first finite row of each column of (k,n,...)."""
+    seen = np.isfinite(values.reshape(*values.shape[:2], -1)).all(axis=2)
+    return np.asarray(values[seen.argmax(axis=0), np.arange(values.shape[1])])
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """The recordings of a folder, and what nobody but the user can say."""
+
+    film: Tags | None = None
+    static: Tags | None = None
+    boards: str | None = None  # pattern of pictures, or a film
+    board: BoardTable | None = None
+    log: Log | None = None
+    dictionary: str = "DICT_4X4_50"
+    start_s: float | None = None  # of the film on the log's clock
+    open: tuple[str, ...] = field(default=())  # sentences on what is missing or unclear
+
+
+def recordings(root: Path, *, dictionary: str, board: BoardTable) -> Recordings:
+    """What lies in a folder.   dictionary, board: what twin.toml or the template states; tried first."""
+    videos, pictures, tables = _files(root)
+    if not videos:
+        none = f"No film: wanted one of {', '.join(FILMS)} in {root}."
+        return Recordings(dictionary=dictionary, open=(none,))
+    dictionary = _dictionary(videos, dictionary)
+    boards, board_found = _boards(pictures, videos, board, dictionary)
+    looks = [_tags(path, dictionary) for path in videos if path != boards]
+    tests = [t for t in looks if t.moves.any() and (~t.moves).sum() >= 4]
+    film = max(tests, key=lambda t: float(t.reach.max()), default=None)
+    still = [t for t in looks if t is not film and t.codes and not t.moves.any()]
+    static = max(still, key=lambda t: t.frames, default=None)
+    log, unclear = _log(tables)
+    found = Recordings(film, static, _pattern(root, boards), board_found, log, dictionary, open=unclear)
+    return _with_clock(replace(found, open=(*_missing(found, videos), *found.open)))
+
+
+def _files(root: Path) -> tuple[list[Path], list[list[Path]], list[Path]]:
+    """Films, folders of pictures, and tables below a folder, in the order of their names."""
+    from vision.film.series import SUFFIXES
+
+    every = [p for p in sorted(root.rglob("*")) if p.is_file() and not _skipped(p.relative_to(root))]
+    pictures: dict[tuple[Path, str], list[Path]] = {}
+    for path in every:
+        if path.suffix.lower() in SUFFIXES:
+            pictures.setdefault((path.parent, path.suffix), []).append(path)
+    films = [p for p in every if p.suffix.lower() in FILMS]
+    tables = [p for p in every if p.suffix.lower() in LOGS and p.name != "times.csv"]
+    return films, [group for group in pictures.values() if len(group) >= LEAST_BOARDS], tables
+
+
+def _skipped(path: Path) -> bool:
+    return path.parts[0] in OWN or any(part.startswith(".") for part in path.parts)
+
+
+def _pattern(root: Path, boards: Path | list[Path] | None) -> str | None:
+    """The pictures of a folder, or a film, as twin.toml names them."""
+    if boards is None:
+        return None
+    path = boards if isinstance(boards, Path) else boards[0].parent / f"*{boards[0].suffix}"
+    return path.relative_to(root).as_posix()
+
+
+def _even(count: int, most: int) -> list[int]:
+    return sorted({*np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()})
+
+
+def _tags(path: Path, dictionary: str) -> Tags:
+    """The tags in frames all over a film."""
+    from vision import Video
+    from vision.dictionaries import dictionary_of
+    from vision.marks import detect_wanted
+
+    film, any_id = Video(path), range(len(dictionary_of(dictionary).bytesList))
+    seen, time = [], []
+    for _, at, picture in film.chosen(_even(len(film.time), LOOKED_AT)):
+        seen.append(detect_wanted(picture, dictionary, any_id)[0])
+        time.append(at - film.time[0])
+    every = sorted({code for quads in seen for code in quads})
+    codes = tuple(c for c in every if sum(c in quads for quads in seen) >= OFTEN * len(seen))
+    none = np.full((4, 2), np.nan)
+    quads = np.array([[frame.get(code, none) for code in codes] for frame in seen])
+    return Tags(path, codes, np.array(time), quads.reshape(len(seen), len(codes), 4, 2), len(film.time))
+
+
+def _dictionary(videos: Sequence[Path], stated: str) -> str:
+    """The dictionary of the tags: the one that is stated where it finds four in a film, else the one that
+    finds most."""
+    from vision import Video
+    from vision.dictionaries import other_dictionary
+    from vision.marks import detect
+
+    pictures = [next(iter(Video(path).chosen([0])))[2] for path in videos]
+    if max(len(detect(picture, stated)[0]) for picture in pictures) >= 4:
+        return stated
+    other = other_dictionary(pictures, stated)
+    return stated if other is None else other[0]
+
+
+# -- the board -----------------------------------------------------------------------------------------------
+
+
+def _boards(
+    pictures: Sequence[list[Path]], videos: Sequence[Path], stated: BoardTable, dictionary: str
+) -> tuple[list[Path] | Path | None, BoardTable | None]:
+    """The pictures of a board, or a film of it, and that board: the one that is stated, or one whose markers
+    tell its columns and rows. The first pictures that show one."""
+    from vision import Board, Video
+    from vision.boards.board import MIN_CORNERS
+    from vision.film.series import bits_of_pictures, read_picture
+
+    def shown(group: list[Path] | Path) -> "Iterator[Image]":
+        if isinstance(group, Path):
+            film = Video(group)
+            yield from (p for _, _, p in film.chosen(_even(len(film.time), IN_BOARDS)))
+        else:
+            bits = bits_of_pictures(group)
+            yield from (read_picture(group[k], bits) for k in _even(len(group), IN_BOARDS))
+
+    groups: list[list[Path] | Path] = [*pictures, *videos]
+    for group in groups:
+        looked = list(shown(group))
+        for table in (stated, _read_board(looked, stated, dictionary)):
+            if table is None:
+                continue
+            own = Board.of(**table.model_dump() | {"marker_mm": table.marker_mm or 0.0})
+            views = [own.find(own.black_on_white(picture)) for picture in looked]
+            if sum(len(view) >= MIN_CORNERS for view in views) >= OFTEN * len(looked):
+                return group, table
+    return None, None
+
+
+def _read_board(looked: "Sequence[Image]", stated: BoardTable, dictionary: str) -> BoardTable | None:
+    """A charuco board with the columns and rows that its markers' ids tell; None where they tell none.
+
+    Its k-th marker is the k-th white square, row by row. The side of a square is as stated: ids tell none.
+    """
+    from vision.marks import detect
+    from vision.plane import fit_homography, to_plane
+
+    names = dict.fromkeys((stated.dictionary, dictionary))
+    for name in names:
+        views = [detect(picture, name)[0] for picture in looked]
+        best = max(views, key=len)
+        if len(best) < 8:
+            continue
+        codes = np.array(sorted(best))
+        seen = np.array([best[c].mean(axis=0) for c in codes])
+        fits = {}
+        for columns in range(3, 31):
+            place = _white(columns)[codes] if codes.max() < len(_white(columns)) else None
+            if place is None or np.linalg.matrix_rank(place - place.mean(axis=0)) < 2:
+                continue
+            back = to_plane(fit_homography(place, seen)[None], seen[None])[0]
+            fits[columns] = float(np.sqrt(np.mean((back - place) ** 2)))
+        if not fits or min(fits.values()) > 0.1:  # squares
+            continue
+        columns = min(fits, key=lambda c: fits[c])
+        place = _white(columns)[codes]
+        to_px = fit_homography(place, seen)
+        corners = to_plane(to_px[None], np.array([best[c] for c in codes]).reshape(1, -1, 2))[0]
+        side = float(np.median(np.linalg.norm(np.diff(corners.reshape(-1, 4, 2), axis=1), axis=2)))
+        rows = int(_white(columns)[max(c for view in views for c in view)][1]) + 1
+        share = round(side, 2)
+        return BoardTable(columns=columns, rows=rows, square_mm=stated.square_mm, dictionary=name,
+                          marker_mm=round(share * stated.square_mm, 3))  # fmt: skip
+    return None
+
+
+def _white(columns: int) -> Array:
+    """Middles (n,2) of the white squares of a board, row by row, in squares from its first one."""
+    rows, across = np.mgrid[0:60, 0:columns]
+    white = (rows + across) % 2 == 1
+    return np.column_stack([across[white], rows[white]]).astype(float)
+
+
+# -- the log and the clock -----------------------------------------------------------------------------------
+
+
+def _log(tables: Sequence[Path]) -> tuple[Log | None, tuple[str, ...]]:
+    """The one table that is a pressure log, and sentences where there is none or are several."""
+    logs, refused = [], []
+    for path in tables:
+        try:
+            logs.append(read_log(path, time_shift_s=0.0))
+        except ValueError as error:
+            refused.append(str(error))
+    if len(logs) == 1:
+        return logs[0], ()
+    if not logs:
+        return None, tuple(f"No pressure log that can be read: {sentence}." for sentence in refused) or (
+            f"No pressure log: wanted a table ({', '.join(LOGS)}) with time and pressure.",
+        )
+    names = ", ".join(log.path.name for log in logs)
+    longest = max(logs, key=lambda log: float(np.ptp(log.pressure)))
+    return longest, (f"{names} are logs: {longest.path.name}, with the largest range, is taken.",)
+
+
+def _with_clock(found: Recordings) -> Recordings:
+    """With the start of the film on the log's clock, by its motion."""
+    if found.film is None or found.log is None:
+        return found
+    try:
+        return replace(found, start_s=whole_film(found.film.motion(), found.log))
+    except ValueError as error:
+        return replace(found, open=(*found.open, f"When the film starts on the clock of the log: {error}."))
+
+
+def _missing(found: Recordings, videos: Sequence[Path]) -> Iterator[str]:
+    names = ", ".join(path.name for path in videos)
+    if found.film is None:
+        yield (f"No test among {names}: wanted a film in which tags of the finger move beside four or more "
+               "that stand still.")  # fmt: skip
+    if found.static is None:
+        yield f"No static film among {names}: wanted 300 frames or more of the finger at rest."
+    if found.boards is None:
+        yield ("No pictures of a board: wanted 10 or more in a folder, or a film, of the board of "
+               "[cameras.board].")  # fmt: skip
