@@ -19,7 +19,7 @@ from twin.judging.comparison import Comparison, compare, right_in_words
 from twin.judging.fitrecord import MaterialTestRow, MaterialTestsRow, UnseenFilm
 from twin.judging.fitting import ModelErrors
 from twin.judging.heldout import unseen
-from twin.judging.judged import Judged, judged_by
+from twin.judging.judged import Judged, free_names, judged_by
 from twin.judging.lawerrors import LawError
 from twin.judging.likelihood import down_weighted, prior_rows, weights_in_words
 from twin.judging.whitening import LAW
@@ -100,7 +100,8 @@ def keep(run: Run, theta: Array, judgement: Judgement, *, file: str = JUDGED) ->
         file,
         {
             "code": np.array(code_digest()), "theta": theta, "u": judgement.predicted,
-            "jacobian": judgement.jacobian, "gauge": e.gauge, "modes": e.modes, "law": np.array(e.law),
+            "jacobian": judgement.jacobian, "gauge": e.gauge, "modes": e.modes,
+            "names": np.array(e.names, dtype=str), "law": np.array(e.law),
             "crossed": np.array(judgement.crossed),
             **{f"{LAW}{law.effect}": law.modes for law in e.laws},
         },
@@ -119,12 +120,15 @@ def kept(fit_file: Path, fit: Fit, targets: Targets, *, file: str = JUDGED) -> J
     errors = ModelErrors(
         gauge=arrays["gauge"],
         modes=arrays["modes"],
+        names=tuple(arrays["names"].tolist()),
         laws=tuple(LawError(k.removeprefix(LAW), rows) for k, rows in arrays.items() if k.startswith(LAW)),
         law=float(arrays["law"]),
     )
     judged_targets, w = judged_by(targets, arrays["u"], errors, errors.whitener(targets))
     jacobian = arrays["jacobian"]
-    comparison = compare(judged_targets, arrays["u"], w, jacobian=jacobian, at_bound=len(fit.at_bound))
+    comparison = compare(
+        judged_targets, arrays["u"], w, jacobian=jacobian, at_bound=len(fit.at_bound), names=free_names(fit)
+    )
     return Judgement(
         predicted=arrays["u"], comparison=comparison, errors=errors, jacobian=jacobian,
         crossed=str(arrays["crossed"]),

@@ -32,6 +32,7 @@ from twin.project.trust import check_trusted, programs
 from twin.targets import Targets
 
 Given = TypeVar("Given")
+WALL_SD_MM = 0.1  # of the dimensions that a table of wall_sd_mm does not name
 TRIES = 4  # fits of a model that carries less than the test
 
 
@@ -173,12 +174,27 @@ def body_of(project: Project) -> Body | None:
     return model.dimensions.body
 
 
+def tolerances_of(project: Project, body: Body) -> dict[str, float]:
+    """The sd in mm of each dimension of a body that no camera sees. ValueError for one that it does not
+    have."""
+    stated = project.config.model.wall_sd_mm
+    if not isinstance(stated, dict):
+        return dict.fromkeys(body.inner, stated)
+    if unknown := sorted(set(stated) - set(body.inner)):
+        raise ValueError(
+            f"model.wall_sd_mm: {unknown[0]} is no inner dimension of a {body.kind}; wanted some of "
+            f"{', '.join(body.inner) or 'none'}"
+        )
+    return {name: stated.get(name, WALL_SD_MM) for name in body.inner}
+
+
 def _unweighed(project: Project) -> Structure:
     table = project.config.model
     if table.deck is None:
         body = body_of(project)
         assert body is not None
-        return in_law(of_body(body, refine=table.mesh), (stated_law(project) or MOONEY_RIVLIN).nominal)
+        structure = of_body(body, refine=table.mesh, tolerances=tolerances_of(project, body))
+        return in_law(structure, (stated_law(project) or MOONEY_RIVLIN).nominal)
     path = project.path(table.deck)
     if not path.is_file():
         raise ValueError(

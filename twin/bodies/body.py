@@ -3,7 +3,7 @@ dimensions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
@@ -84,6 +84,16 @@ class Body(Protocol):
         ...
 
     @property
+    def inner(self) -> tuple[str, ...]:
+        """The dimensions in mm, as twin.toml names them, that change nothing but the chamber: no camera sees
+        them."""
+        ...
+
+    def larger(self, dimension: str, mm: float) -> "Body":
+        """The body with one of them larger by mm."""
+        ...
+
+    @property
     def places(self) -> Mapping[str, Place]:
         """Places for markers by name, mm: p1, p2 .. along its lower side, `tip`, and off1 .. above them."""
         ...
@@ -124,6 +134,12 @@ class Cells:
 
 class CellTable(TableModel):
     """Dimensions of a body that is divided by `Cells`."""
+
+    inner: ClassVar[tuple[str, ...]] = ()  # dimensions of the chamber alone
+
+    def larger(self, dimension: str, mm: float) -> Self:
+        """The body with one of its dimensions larger by mm."""
+        return self.model_copy(update={dimension: getattr(self, dimension) + mm})
 
     def key(self, lattice: Cells) -> str:
         """A fingerprint of dimensions and lattice."""

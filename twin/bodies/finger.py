@@ -21,6 +21,11 @@ FLATNESS = {"round": 0.0, "flat": 1.2}  # of `fe.Finger`, by the profile of the 
 STEEPEST = 3.0  # slope of a pleat's wall, 72 degrees: beyond it the cells of the mesh are too oblique
 ROOM = 0.5  # of the radius: what the chamber has beside its rounded edges, at least
 PHASES = 60  # of half a pleat, at which the height of the chamber is looked at
+# Dimensions of the chamber alone, as twin.toml and as `fe.Finger` name them.
+INNER = {
+    "side_wall_mm": "side", "bottom_wall_mm": "bottom", "top_wall_mm": "top", "base_cap_mm": "base_cap",
+    "tip_cap_mm": "tip_cap", "edge_radius_mm": "radius",
+}  # fmt: skip
 PITCH = 1.5  # walls of the top that a bellow is long, at least
 
 
@@ -161,6 +166,7 @@ class BuiltIn:
     finger: "Finger" = field(default_factory=lambda: _study()[0])
     lattice: "Lattice" = field(default_factory=lambda: _study()[1])
     kind: ClassVar[str] = "finger"
+    inner: ClassVar[tuple[str, ...]] = tuple(INNER)
     bends_down: ClassVar[bool] = True
     remedy: ClassVar[str] = "make the pleats shallower or fewer, or the walls thinner"
 
@@ -170,6 +176,11 @@ class BuiltIn:
         from fe.mesh.finger import lattice_of
 
         return BuiltIn(finger, lattice_of(finger))
+
+    def larger(self, dimension: str, mm: float) -> "BuiltIn":
+        """The finger with one of its dimensions larger by mm, on the same lattice."""
+        name = INNER[dimension]
+        return replace(self, finger=replace(self.finger, **{name: getattr(self.finger, name) + mm}))
 
     def case(self, lattice: "Lattice", material: "Material") -> "Case":
         """Half of the finger on a lattice."""

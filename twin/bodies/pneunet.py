@@ -33,6 +33,10 @@ class PneunetTable(CellTable):
     kind: ClassVar[str] = "pneunet"
     bends_down: ClassVar[bool] = True
     remedy: ClassVar[str] = "make the walls thicker, or the chambers larger"
+    inner: ClassVar[tuple[str, ...]] = (
+        "side_wall_mm", "top_wall_mm", "bottom_wall_mm", "channel_width_mm", "channel_height_mm",
+        "channel_roof_mm",
+    )  # fmt: skip
 
     chambers: int = Field(default=6, ge=1, le=100, description="number of chambers")
     chamber_length_mm: Positive = Field(default=8.0, description="inner length of a chamber along x, mm")

@@ -33,6 +33,9 @@ class TubeTable(CellTable):
     kind: ClassVar[str] = "tube"
     bends_down: ClassVar[bool] = False
     remedy: ClassVar[str] = "make the walls thicker, or edge_radius_mm smaller"
+    inner: ClassVar[tuple[str, ...]] = (
+        "chamber_width_mm", "chamber_height_mm", "offset_mm", "base_cap_mm", "tip_cap_mm",
+    )  # fmt: skip
 
     section: Literal["round", "rectangular"] = Field(
         default="round", description="round: a circle, or an ellipse where width and height differ"

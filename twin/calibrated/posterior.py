@@ -232,7 +232,7 @@ class Sampler:
         return self._apart(self.errors).whitener(self.targets)
 
     def _apart(self, errors: ModelErrors) -> ModelErrors:
-        return replace(errors, modes=errors.modes[1:]) if self.stiffness else errors
+        return replace(errors, modes=errors.modes[1:], names=errors.names[1:]) if self.stiffness else errors
 
     def sample(self, *, seed: int, most: int) -> Sample:
         """The sample; most: steps of a walker at most."""

@@ -43,7 +43,8 @@ def run_compare(
         write_comparison(run, judgement.predicted, comparison, held)
         for line in (*bench.remarks, model.extent, *_lines(comparison)):
             run.note(line)
-    say(comparison.where)
+    for sentence in filter(None, (comparison.where, comparison.leans)):
+        say(sentence)
     if judgement.crossed:
         say(
             f"{judgement.crossed}. Set self_contact = true in [model] of twin.toml: then they push "

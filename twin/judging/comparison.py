@@ -11,6 +11,7 @@ from calibrate.statistics import omnibus_test
 from twin.judging.fitrecord import BeyondRow, ComparisonRecord, FitTest, MapRow, UnseenFilm
 from twin.judging.lawerrors import memory
 from twin.judging.sharederrors import beyond, in_words
+from twin.judging.tolerances import leaning, leaning_in_words
 from twin.judging.whitening import UNKNOWN, Expected, Whitener
 from twin.targets import Array, Targets, relative
 
@@ -55,6 +56,7 @@ class Comparison:
     expected: Expected = UNKNOWN
     tests: tuple[FitTest, ...] = ()
     beyond: tuple[tuple[str, float], ...] = ()  # shared errors larger than stated: name, size in sd
+    leans: str = ""  # on which dimensions that no camera sees, a sentence
 
     @property
     def expected_mm(self) -> float:
@@ -99,6 +101,7 @@ class Comparison:
             noise_sd_mm=self.noise_sd_mm,
             adequate=self.adequate,
             where=self.where,
+            leans=self.leans,
             beyond=tuple(BeyondRow(name=name, sd=size) for name, size in self.beyond),
             maps=self.maps,
             **beside,
@@ -122,12 +125,14 @@ def branches(time: Array, pressure: Array, log_time: Array, log_pressure: Array)
 
 
 def compare(
-    targets: Targets, predicted: Array, whitener: Whitener, *, jacobian: Array, at_bound: int = 0
-) -> Comparison:
+    targets: Targets, predicted: Array, whitener: Whitener, *, jacobian: Array, at_bound: int = 0,
+    names: Sequence[str] = (),
+) -> Comparison:  # fmt: skip
     """The comparison of a fitted prediction (s, p, 3) mm.
 
     jacobian (d, s, p, 3): the prediction's derivatives by the free parameters. at_bound: how many more there
     are, which ended at a bound; they take no degree of freedom, but as many data as parameters show nothing.
+    names (d,): of the free parameters, where it is to be told what they lean on.
     """
     residual = targets.value - predicted
     z = whitener.whiten(residual)
@@ -155,6 +160,7 @@ def compare(
         expected=whitener.expected_after(jacobian),
         tests=tests,
         beyond=beyond(whitener, residual),
+        leans=leaning_in_words(leaning(whitener, jacobian, names)) if names else "",
     )
     return replace(comparison, where=_where(comparison))
 

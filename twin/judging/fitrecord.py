@@ -312,6 +312,7 @@ class ComparisonRecord(Record):
     noise_sd_mm: Finite = Field(description="what noise alone would leave of that")
     adequate: bool = Field(default=False, description="p_value above 0.001")
     where: str = Field(default="", description="where the model fails most, in words")
+    leans: str = Field(default="", description="dimensions that no camera sees and that count, in words")
     beyond: tuple[BeyondRow, ...] = Field(default=(), description="errors that would have to exceed 4 sd")
     maps: dict[str, tuple[MapRow, ...]] = Field(
         default={},

@@ -11,7 +11,8 @@ from calibrate.fit import Jacobian, Residual
 from twin.judging.lawerrors import LawError, law_errors
 from twin.judging.likelihood import posed, whitening
 from twin.judging.materialcurves import beside_film
-from twin.judging.whitening import LAW, Whitener, whitener
+from twin.judging.whitening import LAW, MESH_MODE, Whitener, whitener
+from twin.model.discretisation import WALL
 from twin.model.prediction import Model, Unsolvable
 from twin.targets import Array, Targets
 
@@ -21,11 +22,12 @@ MESH = 0.1  # of the noise, up to which an error of the mesh that nothing carrie
 @dataclass(frozen=True, kw_only=True)
 class ModelErrors:
     """The errors of a model at its parameters: gauge (s, p, 3) mm, what 1 sd of the gauge's noise does to
-    each step; modes (q, s, p, 3) mm of its mesh, 1 sd each; laws, what its effects' laws may be off, by the
-    share `law`."""
+    each step; modes (q, s, p, 3) mm of its mesh and walls, 1 sd each, with their names (q,); laws, what its
+    effects' laws may be off, by the share `law`."""
 
     gauge: Array
     modes: Array
+    names: tuple[str, ...] = ()
     laws: tuple[LawError, ...] = ()
     law: float = 0.0
 
@@ -34,16 +36,23 @@ class ModelErrors:
         """The errors of a model at theta (d,); law: by which share of what they add its laws err, 1 sd."""
         laws = law_errors(model, theta, targets) if law else ()
         gauge = model.per_pressure(theta) * targets.pressure_error[:, None, None]
+        modes = np.concatenate([model.modes(theta), _of_mesh(model, theta, targets, gauge)])
+        names = [MESH_MODE] * len(modes)
+        if model.mesh is not None:
+            names[model.mesh.wall_modes] = [f"{WALL}{name}" for name in model.mesh.wall_names]
         return ModelErrors(
             gauge=gauge,
-            modes=np.concatenate([model.modes(theta), _of_mesh(model, theta, targets, gauge)]),
+            modes=modes,
+            names=tuple(names),
             laws=laws,
             law=law,
         )
 
     def whitener(self, targets: Targets) -> Whitener:
         """The whitener of what a model can move, the finger's points, with these errors."""
-        w = whitener(targets, prediction_modes=self.modes, gauge=self.gauge, points=~targets.fixed)
+        w = whitener(
+            targets, prediction_modes=self.modes, gauge=self.gauge, points=~targets.fixed, names=self.names
+        )
         for error in self.laws:
             w = w.beside(self.law * error.modes, (f"{LAW}{error.effect}",) * len(error.modes))
         return w

@@ -73,6 +73,11 @@ class Judged(Fitted):
         return self.comparison.whitened
 
 
+def free_names(fit: Fit) -> list[str]:
+    """The names of a fit's parameters that are not at a bound."""
+    return [p.name for p in fit.parameters if p.name not in fit.at_bound]
+
+
 def judge(
     model: Model,
     targets: Targets,
@@ -208,7 +213,10 @@ class _Task:
         free = [p.name not in end.fit.at_bound for p in end.fit.parameters]
         jacobian = self.model.jacobian(end.fit.theta)[free]
         targets, w = judged_by(self.targets, end.predicted, end.errors, end.whitener)
-        comparison = compare(targets, end.predicted, w, jacobian=jacobian, at_bound=len(end.fit.at_bound))
+        comparison = compare(
+            targets, end.predicted, w, jacobian=jacobian, at_bound=len(end.fit.at_bound),
+            names=free_names(end.fit),
+        )  # fmt: skip
         return Judged(
             model=self.model,
             fit=end.fit,

@@ -21,10 +21,12 @@ WORDS = {
     "camera_clock": "the clock of camera {}",
     "codec": "the picture of marker {} in U{} (compression)",
     "calibration": "the calibration of the camera",
+    "pose": "the finger's place in the frame",
     "height": "the height of marker {} above the frame markers' plane",
     "out_of_plane": "the motion of marker {} towards the camera",
     "law": "the law of {}",
     "mesh": "the error of the mesh",
+    "wall": "{}, which no camera sees",
     "discretisation": "the error of the mesh",
     "gauge": "the pressure gauge at rest",
 }

@@ -22,6 +22,7 @@ from twin.judging.noisefilter import NoiseFilter, noise_filter
 from twin.targets import Array, Targets
 
 LAW = "law:"  # and an effect: the name of a mode that is an error of its law
+MESH_MODE = "mesh"  # the name of a mode of the model that has no other
 OWN = "gauge:reference"  # the name of a mode that belongs to one film alone
 
 
@@ -306,12 +307,13 @@ def whitener(
     prediction_modes: Array,
     gauge: Array,
     points: NDArray[np.bool_] | None = None,
+    names: Sequence[str] = (),
 ) -> Whitener:
     """The whitener of targets with a model's modes.
 
-    prediction_modes (q, s, p, 3) mm: discretisation errors, 1 sd each. gauge (s, p, 3) mm: the effect on each
-    step of 1 sd of its pressure's gauge noise, relative to the reference. points (p,): those whose values are
-    data, by default all.
+    prediction_modes (q, s, p, 3) mm: discretisation errors, 1 sd each, with names (q,) where they have any.
+    gauge (s, p, 3) mm: the effect on each step of 1 sd of its pressure's gauge noise, relative to the
+    reference. points (p,): those whose values are data, by default all.
     """
     noise = noise_filter(targets, points)
     p, i = noise.components.T
@@ -320,7 +322,7 @@ def whitener(
     modes = np.concatenate([targets.modes[:, :, p, i], prediction_modes[:, :, p, i], shared])
     count, modes = len(modes), np.concatenate([modes, single])
     modes = np.where(noise.valid, np.nan_to_num(modes), 0.0)
-    names = *targets.mode_names, *("mesh",) * len(prediction_modes), *(OWN,) * len(shared)
+    names = *targets.mode_names, *(names or (MESH_MODE,) * len(prediction_modes)), *(OWN,) * len(shared)
     alone = np.isin(np.arange(len(own)), targets.reference, invert=True)[:, None]
     noise = noise.with_gauge(np.where(alone, own, 0.0))
     return Whitener(noise, modes, count, names, np.where(noise.valid, own, 0.0))

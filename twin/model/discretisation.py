@@ -8,7 +8,7 @@ and a smooth error of every marker. Their sizes are those of nine truths on othe
 (docs/records/meshes.md).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -40,6 +40,7 @@ NEARBY = 3.0  # times, at most, the finer meshes reach beyond the test's pressur
 TURNS = 4  # steps to the pressure at which the base mesh is nearest to a displacement,
 BEYOND = 2.0  # times the highest pressure is where what a mesh errs is looked for
 LEAST = 3  # samples of a path that ends early
+WALL = "wall:"  # and a dimension: the name of a mode that is its tolerance
 SAME = 1e-7  # of the highest pressure, below which a step is the last
 
 
@@ -51,7 +52,9 @@ class Discretisation:
     modulus at rest in MPa, of all of them; grid (k,) MPa. gravities (g, 3 + 3 h): the gravity in mm/s2 and
     hung forces in N they were solved in. base (g, k, m, 3),
     changes (n, g, k, m, 3): the model's own mesh, and what the others add to it. tested: the pressure in MPa
-    up to which the changes are compared. unknown: why there are none, empty where there are.
+    up to which the changes are compared. unknown: why there are none, empty where there are. walls
+    (d, g, k, m, 3): what dimensions of the chamber of these names (d,) change that are larger by their
+    tolerance.
     """
 
     names: tuple[str, ...]
@@ -63,6 +66,8 @@ class Discretisation:
     tested: float = np.inf
     unknown: str = ""
     law: RubberLaw = MOONEY_RIVLIN
+    walls: Array = field(default_factory=lambda: np.zeros((0, 1, 2, 0, 3)))
+    wall_names: tuple[str, ...] = ()
 
     @staticmethod
     def none(why: str) -> "Discretisation":
@@ -89,9 +94,17 @@ class Discretisation:
         return out
 
     @property
+    def wall_modes(self) -> slice:
+        """Which of the modes are of walls: the last before those of a memory."""
+        return slice(len(self.mode_names) - len(self.wall_names), len(self.mode_names))
+
+    @property
     def mode_names(self) -> tuple[str, ...]:
         """The names (q,) of the modes."""
-        return () if self.unknown else tuple(f"discretisation:{name}" for name in self._shown.mode_names)
+        if self.unknown:
+            return ()
+        of_mesh = (f"discretisation:{name}" for name in self._shown.mode_names)
+        return (*of_mesh, *(f"{WALL}{name}" for name in self.wall_names))
 
     @cached_property
     def _shown(self) -> MeshChanges:
@@ -101,7 +114,9 @@ class Discretisation:
     @cached_property
     def _curves(self) -> tuple[Curves, Curves, Curves]:
         """The base mesh, the correction and the modes over pressure."""
-        fields = (self.base[None], self.changes[-1:], self._shown.modes)
+        of_mesh = self._shown.modes
+        every = np.concatenate([of_mesh, self.walls]) if self.wall_names else of_mesh
+        fields = (self.base[None], self.changes[-1:], every)
         base, correction, modes = (Curves.through(self.grid, np.moveaxis(x, 2, 0)) for x in fields)
         return base, correction, modes
 
@@ -190,7 +205,8 @@ def discretisation_error(
     gravities, _ = ways(test.case, test.path)
     responses = _responses(test, structure, solved_at, gravities, cache)
     rows = range(len(gravities))
-    by_mesh = {name: np.array([responses[name, k] for k in rows]) for name in _meshes(structure)}
+    every = (*_meshes(structure), *(f"{WALL}{name}" for name in structure.walls))
+    by_mesh = {name: np.array([responses[name, k] for k in rows]) for name in every}
     names, grid = tuple(structure.finer), np.linspace(0.0, solved_at.top, SAMPLES)
     carried = np.isfinite([u for every in by_mesh.values() for u in every]).all(axis=(0, 2, 3))
     if not carried.all():  # one has its limit point before: the room for softer constants is less
@@ -210,6 +226,8 @@ def discretisation_error(
         gravities=gravities,
         base=by_mesh["base"],
         changes=np.array([by_mesh[name] - by_mesh["base"] for name in names]),
+        walls=np.array([by_mesh[f"{WALL}{name}"] - by_mesh["base"] for name in structure.walls]),
+        wall_names=tuple(structure.walls),
         tested=min(_tested(float(test.path.pressure.max()), solved_at.top), float(grid[-1])),
     )
     if mesh.apart > COARSE:
@@ -253,14 +271,17 @@ def _silicone(case: Case) -> Material:
 def _responses(
     test: Test, structure: Structure, solved_at: SolvedAt, gravities: Array, cache: ArrayCache
 ) -> dict[tuple[str, int], Array]:
-    """The response (k, p, 3) mm of the moving points on each mesh, by its name and the way of gravity."""
-    meshes, points = _meshes(structure), test.points[test.moving]
+    """The response (k, p, 3) mm of the moving points on each mesh, by its name and the way of gravity; those
+    with other walls have WALL before their names."""
+    walls = {f"{WALL}{name}": mesh for name, mesh in structure.walls.items()}
+    meshes, points = {**_meshes(structure), **walls}, test.points[test.moving]
     key, grid = meshes_key(test, structure), np.linspace(0.0, solved_at.top, SAMPLES)
     forces = {name: tuple(map(float, f)) for name, f in test.case.forces.items()}
-    table = table_of(structure)
+    table, known = table_of(structure), {}
     if table and not forces and not gravities.any() and table.serves(solved_at.constants, solved_at.top):
         tabulated = partial(table.response, constants=solved_at.constants, pressure=grid, points=points)
-        return {(name, 0): tabulated(mesh) for name, mesh in meshes.items()}
+        known = {(name, 0): tabulated(mesh) for name, mesh in _meshes(structure).items()}
+        meshes = walls
     paths = [Path(grid, grid, grid, **test.path.under(g)) for g in gravities]
     keys = {
         (name, row): digest("discretisation", key, mesh.key, repr(solved_at), row)
@@ -272,8 +293,8 @@ def _responses(
         for name, mesh in reversed(meshes.items())  # the largest first
         for row, path in enumerate(paths)
     }
-    arrays = cache("error of the mesh", tasks)
-    return {place: arrays[key] for place, key in keys.items()}
+    arrays = cache("error of the mesh", tasks) if tasks else {}
+    return known | {place: arrays[key] for place, key in keys.items()}
 
 
 def _response(

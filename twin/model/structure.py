@@ -4,7 +4,7 @@ Either gives a case with nominal constants, and the finer meshes that its discre
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,7 @@ class Structure:
     node rows. scales: whether U depends on pressure / scale and the law's shape alone, as where nothing but
     pressure loads one material. remarks: what a user should know of it. numbers: of a deck's elements.
     nominal: the constants of its silicone until they are fitted. body: the kind of body with its dimensions,
-    None of a deck.
+    None of a deck. walls: its own mesh with one dimension of the chamber larger by its tolerance, by name.
     """
 
     case: Case
@@ -62,6 +62,7 @@ class Structure:
     numbers: Integers | None = None
     nominal: Constants = NOMINAL
     body: Body | None = None
+    walls: Mapping[str, Mesh] = field(default_factory=dict)
 
     @property
     def elements(self) -> Integers:
@@ -103,9 +104,9 @@ def _changed(structure: Structure, name: str, change: Callable[[Case], Case]) ->
     def changed(mesh: Mesh) -> Mesh:
         return Mesh(f"{mesh.key}-{name}", partial(_built, mesh.build, change))
 
-    finer = {name: changed(mesh) for name, mesh in structure.finer.items()}
+    finer, walls = ({k: changed(m) for k, m in x.items()} for x in (structure.finer, structure.walls))
     base = changed(structure.base)
-    return replace(structure, case=base.build(), key=base.key, finer=finer)
+    return replace(structure, case=base.build(), key=base.key, finer=finer, walls=walls)
 
 
 def _built(build: Callable[[], Case], change: Callable[[Case], Case]) -> Case:
@@ -119,9 +120,9 @@ def beside(structure: Structure, rigid: RigidObject) -> Structure:
     def met(mesh: Mesh) -> Mesh:
         return Mesh(digest(mesh.key, rigid), partial(_beside, mesh.build, rigid))
 
-    finer = {name: met(mesh) for name, mesh in structure.finer.items()}
+    finer, walls = ({k: met(m) for k, m in x.items()} for x in (structure.finer, structure.walls))
     base = met(structure.base)
-    return replace(structure, case=base.build(), key=base.key, finer=finer, scales=False)
+    return replace(structure, case=base.build(), key=base.key, finer=finer, walls=walls, scales=False)
 
 
 def _beside(build: Callable[[], Case], rigid: RigidObject) -> Case:
@@ -146,9 +147,11 @@ def of_finger(finger: Finger, lattice: Lattice) -> Structure:
     return of_body(BuiltIn(finger, lattice))
 
 
-def of_body(body: Body, *, refine: int = 1) -> Structure:
+def of_body(
+    body: Body, *, refine: int = 1, tolerances: Mapping[str, float] | None = None
+) -> Structure:
     """A body on its own lattice, each cell divided `refine` times in each direction. ValueError where its
-    dimensions turn a cell of the mesh over."""
+    dimensions turn a cell of the mesh over. tolerances: sd in mm of dimensions of the chamber, by name."""
     lattice = replace(body.lattice, refine=refine) if refine != 1 else body.lattice
     case = body_case(body, lattice)
     _check_cells(case, body)
@@ -156,9 +159,16 @@ def of_body(body: Body, *, refine: int = 1) -> Structure:
         name: Mesh(body.key(mesh), partial(body_case, body, mesh))
         for name, mesh in body.finer(lattice).items()
     }
+    walls = {
+        name: Mesh(other.key(lattice), partial(body_case, other, lattice))
+        for name, sd in (tolerances or {}).items()
+        if sd
+        for other in [body.larger(name, sd)]
+    }
     return Structure(
-        case, body.key(lattice), meshes, case.face_nodes("outside"), scales=not case.layers, body=body
-    )
+        case, body.key(lattice), meshes, case.face_nodes("outside"), scales=not case.layers, body=body,
+        walls=walls,
+    )  # fmt: skip
 
 
 def _check_cells(case: Case, body: Body) -> None:

@@ -107,6 +107,11 @@ class ModelTable(TableModel):
         description="a rigid object that the filmed finger meets, such as "
         "cylinder:d=40,x=70,z=-30 (mm): see objects.md",
     )
+    wall_sd_mm: NotNegative | dict[str, NotNegative] = Field(
+        default=0.1,
+        description="tolerance of dimensions that no camera sees, walls and caps of the chamber, mm; or one "
+        "for each, such as {bottom_wall_mm = 0.05}; 0: exact; a deck has none",
+    )
     fixed: dict[str, Finite] = Field(
         default={}, description="constants of the law that are not fitted, such as {C10 = 0.214} (MPa)"
     )

@@ -62,7 +62,10 @@ class RunRecord(Record):
 
 # Of the figures of each kind of run, raised by hand where the same inputs and settings give others; 1 for a
 # kind that is not named. A run of another format is stale; versions, of softtwin too, change nothing.
-FORMATS: dict[str, int] = {"measure": 2, "film": 2}  # 2: coding errors as the film itself shows them
+FORMATS: dict[str, int] = {
+    **dict.fromkeys(("measure", "film"), 2),  # 2: coding errors as the film itself shows them
+    **dict.fromkeys(("calibrate", "compare", "diagnose", "add", "drop"), 2),  # 2: tolerances of walls
+}
 ORIGIN = "targets/source.json"  # says which run measured the targets, no bit of them
 
 

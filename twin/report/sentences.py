@@ -49,8 +49,10 @@ def opening(story: Story) -> list[str]:
     if last and d.ties:
         return [*sentences, f"To be sure, make the next test: {_small(last)}"]
     if story.added.adequate if story.added else d.adequate:
+        leans = [story.added.leans] if story.added and story.added.leans else []
         return [
             *sentences,
+            *leans,
             "The model now agrees with the measurement: its constants and intervals can be used.",
         ]
     return [*sentences, "The model does not agree with the measurement yet: do not use its constants."]

@@ -170,8 +170,8 @@ def test_the_format_of_the_figures_counts_and_no_version_does(root: Path, monkey
     assert newest_fit(project).theta == pytest.approx(FIT.theta)
     told = project.other_versions(root / "runs" / "0001-calibrate")
     assert all(part in told for part in ("softtwin ", "pydantic ", "(here 9.9)", "holds"))
-    monkeypatch.setitem(record.FORMATS, "calibrate", 2)
-    with pytest.raises(ValueError, match=saying("its figures are of format 1, those of now of 2", "twin calibrate")):
+    monkeypatch.setitem(record.FORMATS, "calibrate", 3)
+    with pytest.raises(ValueError, match=saying("its figures are of format 2, those of now of 3", "twin calibrate")):
         newest_fit(project)
 
 
