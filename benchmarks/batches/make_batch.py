@@ -207,8 +207,8 @@ def config(name: str, batch: SmallBatch) -> Config:
         board=studio.board_table(BOARD),
     )  # fmt: skip
     return Config(
-        project=ProjectTable(name=name), model=ModelTable(finger=batch.table), cameras=(side,),
-        pressure=PressureTable(), points=points_of(batch),
+        project=ProjectTable(name=name), model=ModelTable(finger=batch.table, wall_sd_mm=0.0),
+        cameras=(side,), pressure=PressureTable(), points=points_of(batch),
         frame=FrameTable(markers=studio.still_tables(marks_of(batch))),
         measure=MeasureTable(placement_sd_mm=BENCH.placement_sd_mm, scale_sd=BENCH.scale_sd),
         calibrate=CalibrateTable(population=8, generations=4),

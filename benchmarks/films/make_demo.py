@@ -94,7 +94,7 @@ def config() -> Config:
         PointTable(name=m.name, node=labels[m.name], marker=m.kind.code, size_mm=m.size_mm)
         for m in DEMO.marks if m.role == "finger"
     ]  # fmt: skip
-    return DEMO.config("demo", ModelTable(), points)
+    return DEMO.config("demo", ModelTable(wall_sd_mm=0.0), points)
 
 
 def truth_text(chance: Drawn) -> str:

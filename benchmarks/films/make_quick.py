@@ -122,7 +122,7 @@ def config() -> Config:
         PointTable(name=m.name, position_mm=m.position, marker=m.kind.code, size_mm=m.size_mm)
         for m in QUICK.marks if m.role == "finger"
     ]  # fmt: skip
-    return QUICK.config("quick", ModelTable(finger=TABLE), points, reference_s=REST_S)
+    return QUICK.config("quick", ModelTable(finger=TABLE, wall_sd_mm=0.0), points, reference_s=REST_S)
 
 
 def truth_text(chance: Drawn) -> str:

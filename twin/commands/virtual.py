@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -102,8 +102,8 @@ def run_virtual(
         density = DENSITY / TONNE_PER_MM3 if chosen.weighed else None
         run_init(folder, Silent(), targets=Path(scratch) / "targets", nodes=(), density_kg_m3=density,
                  body=body)  # fmt: skip
-    if object:
-        _put(folder / "twin.toml", object)
+    known: dict[str, float | str] = {"wall_sd_mm": 0.0}  # the truth has exactly these walls
+    _put(folder / "twin.toml", known | ({"object": object} if object else {}))
     change, felt = _all(u - bare, targets), _all(slope, targets)
     plain = {k.name: plainness(change, targets, _all(rows[k.name][:2], targets), felt) for k, _ in hidden[:1]}
     truth = {
@@ -122,10 +122,10 @@ def run_virtual(
     return {"stage": "virtual", "status": "done", "project": str(folder), "sealed": str(sealed)}
 
 
-def _put(path: Path, text: str) -> None:
-    """State in a twin.toml what the finger meets."""
+def _put(path: Path, known: Mapping[str, float | str]) -> None:
+    """State in the table [model] of a twin.toml what is known of the finger."""
     config = toml.parse(path.read_bytes(), name=path.name)
-    model = config.model.model_copy(update={"object": text})
+    model = config.model.model_copy(update=known)
     files.write_text(path, toml.dump(config.model_copy(update={"model": model})))
 
 
