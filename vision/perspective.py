@@ -50,6 +50,35 @@ def viewpoint(camera: Camera, homography: Array) -> Viewpoint:
     return Viewpoint(np.array([x, z]), -float(behind))
 
 
+def unlike(camera: Camera, homography: Array, nominal: Array) -> Array:
+    """Misfit (...,f,2) mm of places (f,2) mm of a plane that homographies (...,3,3) to ideal px hide: to a
+    camera of known lens both axes of the plane are of one length and at right angles.
+
+    A homography takes up any stretch and shear of the frame. What of these no motion of the camera makes is a
+    misfit of the places, to first order, beside that left by the homography's fit.
+
+    >>> camera = Camera(np.diag([1000.0, 1000.0, 1.0]), np.zeros(5), (1280, 720))
+    >>> square = np.array([[-50.0, -50], [50, -50], [50, 50], [-50, 50]])
+    >>> unlike(camera, np.array([[2.02, 0, 0], [0, -1.98, 0], [0, 0, 1]]), square).round(3).tolist()[2]
+    [0.505, -0.505]
+    """
+    columns = np.linalg.inv(camera.matrix) @ homography
+    x, z = columns[..., :, 0], columns[..., :, 1]
+    lengths = np.linalg.norm(x, axis=-1), np.linalg.norm(z, axis=-1)
+    stretch, shear = lengths[0] / lengths[1] - 1.0, (x * z).sum(axis=-1) / (lengths[0] * lengths[1])
+    (a, b), middle = (0.5 * np.asarray(s)[..., None] for s in (stretch, shear)), nominal.mean(axis=0)
+    along, up = (nominal - middle).T
+    off = np.stack([a * along + b * up, b * along - a * up], axis=-1)
+    rows = np.zeros((2 * len(nominal), 6))
+    rows[::2, 0], rows[1::2, 1] = 1.0, 1.0
+    rows[::2, 2], rows[1::2, 2], rows[::2, 3], rows[1::2, 3] = along, up, up, -along
+    rows[::2, 4], rows[1::2, 4] = along * along, along * up
+    rows[::2, 5], rows[1::2, 5] = along * up, up * up
+    q = np.linalg.qr(rows / np.linalg.norm(rows, axis=0))[0]
+    flat = off.reshape(*off.shape[:-2], -1)
+    return np.asarray((flat - flat @ q @ q.T).reshape(off.shape))
+
+
 def to_own_plane(place: Array, height: Array, view: Viewpoint) -> Array:
     """Places (t,p,2) mm on the marks' own planes, from where their rays meet the frame's plane.
 

@@ -132,7 +132,7 @@ def _marks(look: _Look, seen: "Glimpses") -> tuple[str, ...]:
         raise ValueError(unseen(look.film.path.name, gone, look.marks, set(seen.unused)))
     sd, glued = look.project.config.measure.frame_sd_mm, look.project.config.measure.placement_sd_mm
     check_marks(look.marks, seen.warp, camera=look.camera, frame_sd_mm=sd)
-    fit = frame_fit(look.marks, seen.warp[:, :2, 2], sd_mm=max(sd, CORNERS_MM))
+    fit = frame_fit(look.marks, seen.warp[:, :2, 2], sd_mm=max(sd, CORNERS_MM), camera=look.camera)
     sentences = doubts(look.marks, seen.warp, camera=look.camera, placement_sd_mm=glued)
     return (*without_odd(fit, look.marks)[1], *sentences)
 

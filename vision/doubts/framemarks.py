@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from vision.camera import Array
+from vision.camera import Array, Camera
 from vision.errors.sharederrors import UNLIKELY
 from vision.marks import Mark, codes_of, rows_of
+from vision.perspective import unlike
 from vision.plane import homographies, to_plane
 
 LIMIT_MM, LIMIT_SHARE = 3.0, 0.05  # of the rig's size: frame marks farther off are refused
@@ -38,36 +39,40 @@ class FrameFit:
         return self.rms_mm > self.limit_mm or (bool(self.odd) and self.away_mm > self.limit_mm)
 
 
-def frame_fit(marks: Sequence[Mark], pixels: Array, *, sd_mm: float, lens: bool = True) -> FrameFit | None:
+def frame_fit(
+    marks: Sequence[Mark], pixels: Array, *, sd_mm: float, camera: Camera | None
+) -> FrameFit | None:
     """Agreement of the frame marks, from the ideal px (p,2) of all marks; None where fewer than 6 are seen.
 
-    sd_mm: how well their places are known.   lens: whether the pixels are free of the lens's distortion.
+    sd_mm: how well their places are known.   camera: whose lens the pixels are free of; None for raw px.
     Each is left out in turn, and each is exchanged with every other coded mark.
     """
     rows = [p for p in rows_of(marks)[0] if np.isfinite(pixels[p, 0])]
     if len(rows) < LEAST:
         return None
     nominal = np.array([marks[p].position for p in rows])[:, [0, 2]]
-    overall, worst = _misfit(nominal, pixels[rows][None])
-    limit = min(LIMIT_MM, LIMIT_SHARE * float(np.ptp(nominal, axis=0).max())) * (1.0 if lens else BARE)
+    overall, worst = _misfit(nominal, pixels[rows][None], camera)
+    limit = min(LIMIT_MM, LIMIT_SHARE * float(np.ptp(nominal, axis=0).max())) * (1.0 if camera else BARE)
+    fitted = 6 if camera else 8
     fit = FrameFit(float(overall[0]), limit, marks[rows[int(worst[0])]].name)
-    if not _contradicts(fit.rms_mm, 2 * len(rows) - 8, sd_mm):
+    if not _contradicts(fit.rms_mm, 2 * len(rows) - fitted, sd_mm):
         return fit
     without = np.repeat(pixels[rows][None], len(rows), axis=0)
     without[np.arange(len(rows)), np.arange(len(rows))] = np.nan
     pairs, exchanged = _exchanges(marks, rows, pixels)
-    remaining, swapped = _misfit(nominal, without)[0], _misfit(nominal, exchanged)[0]
+    remaining, swapped = _misfit(nominal, without, camera)[0], _misfit(nominal, exchanged, camera)[0]
     best, pair = int(np.argmin(remaining)), int(np.argmin(swapped)) if len(pairs) else -1
     if len(pairs) and swapped[pair] < remaining[best] and _explains(swapped, pair, fit.rms_mm):
         a, b = pairs[pair]
         return replace(fit, swapped=(marks[a].name, marks[b].name), left_mm=float(swapped[pair]))
     if not _explains(remaining, best, fit.rms_mm):
         return fit
+    free = 2 * len(rows) - 2 - fitted
     seen = to_plane(homographies(nominal, without[best : best + 1]), pixels[rows[best]][None, None])[0, 0]
     return replace(
         fit, odd=marks[rows[best]].name, left_mm=float(remaining[best]),
         seen_at=(float(seen[0]), float(seen[1])), away_mm=float(np.hypot(*(seen - nominal[best]))),
-        chance=float(chi2.sf(remaining[best] ** 2 / sd_mm**2 * (2 * len(rows) - 10), 2 * len(rows) - 10)),
+        chance=float(chi2.sf(remaining[best] ** 2 / sd_mm**2 * free, free)),
     )  # fmt: skip
 
 
@@ -114,13 +119,19 @@ def without_odd(fit: FrameFit | None, marks: Sequence[Mark]) -> tuple[list[Mark]
     )
 
 
-def _misfit(nominal: Array, pixels: Array) -> tuple[Array, Array]:
-    """Rms (t,) mm of one component after the fit of a homography to pixels (t,f,2), inf where there is none,
-    and the row (t,) that misses most."""
+def _misfit(nominal: Array, pixels: Array, camera: Camera | None) -> tuple[Array, Array]:
+    """Rms (t,) mm of one component after the fit of a homography to pixels (t,f,2), of a known camera with
+    what that hides, inf where there is none, and the row (t,) that misses most."""
     with np.errstate(all="ignore"):  # marks that are exchanged may have no homography at all
         homography = homographies(nominal, pixels)
-        power = np.nansum((to_plane(homography, pixels) - nominal) ** 2, axis=2)
-        free = 2 * np.isfinite(pixels[..., 0]).sum(axis=1) - 8
+        off = to_plane(homography, pixels) - nominal
+        for t in range(len(off) if camera else 0):
+            if np.isfinite(homography[t, 0, 0]):
+                assert camera is not None
+                seen = np.isfinite(pixels[t, :, 0])
+                off[t, seen] += unlike(camera, homography[t], nominal[seen])
+        power = np.nansum(off**2, axis=2)
+        free = 2 * np.isfinite(pixels[..., 0]).sum(axis=1) - (6 if camera else 8)
         rms = np.sqrt(power.sum(axis=1) / np.maximum(free, 1))
     solvable = np.isfinite(homography[:, 0, 0]) & (free > 0) & np.isfinite(rms)
     return np.where(solvable, rms, np.inf), power.argmax(axis=1)

@@ -44,7 +44,7 @@ def check_marks(
     frame = rows_of(marks)[0]
     if np.isfinite(centre[frame, 0]).sum() < MIN_VISIBLE:
         return
-    check_frame(frame_fit(marks, centre, sd_mm=frame_sd_mm, lens=camera is not None), marks)
+    check_frame(frame_fit(marks, centre, sd_mm=frame_sd_mm, camera=camera), marks)
     nominal = np.array([marks[p].position for p in frame])[:, [0, 2]]
     homography = homographies(nominal, centre[None, frame])
     if np.isnan(homography[0, 0, 0]):

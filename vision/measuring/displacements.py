@@ -95,7 +95,7 @@ def measure(
     marks = located(views[0].film, views[0].camera, marks, dictionary)
     seen = [look(v, marks, how, camera=f"-{c + 1}" if rig else "") for c, v in enumerate(views)]
     rest = mean_seen(seen[0].film.ideal[seen[0].film.reference])
-    every, remark = without_odd(frame_fit(marks, rest, sd_mm=stated.frame_mm), marks)
+    every, remark = without_odd(frame_fit(marks, rest, sd_mm=stated.frame_mm, camera=seen[0].camera), marks)
     seen[0] = replace(seen[0], remarks=(*seen[0].remarks, *remark))
     every, covariance = at_rest(seen[0], every, stated.frame_mm)
     if covariance is not None:

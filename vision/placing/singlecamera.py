@@ -18,10 +18,10 @@ from vision.errors.staticnoise import REST, NoiseModel, states, static_noise, wh
 from vision.following.markrotations import finger_turns, linear_maps, mean_seen, rotations, sides
 from vision.following.tracks import COARSE, Followed, thinned
 from vision.marks import Mark, frame_places, rows_of
-from vision.perspective import Viewpoint, heights, to_own_plane, viewpoint
+from vision.perspective import Viewpoint, heights, to_own_plane, unlike, viewpoint
 from vision.placing import planeerrors
 from vision.placing.views import Seen
-from vision.plane import Plane, misplaced, plane_of, to_plane
+from vision.plane import MIN_VISIBLE, Plane, misplaced, plane_of, to_plane
 
 MAX_DEPTH_MM = 0.1  # of the frame marks
 MAX_HEIGHT = 0.2  # of the camera's distance, for all other marks
@@ -208,11 +208,16 @@ def _modes(scene: _Scene, stated: Stated, slope: Array) -> list[Named]:
 
 
 def _frame_misfit(scene: _Scene, rest: Rest, slope: Array) -> FrameMisfit:
-    reference = scene.film.reference
+    reference, plane = scene.film.reference, scene.plane
+    residual, rests = mean_seen(plane.residual[reference]), plane.homography[reference]
+    seen = np.isfinite(residual[:, 0])
+    if seen.sum() >= MIN_VISIBLE:
+        hidden = unlike(scene.camera, rests[np.isfinite(rests[:, 0, 0])], plane.nominal[seen])
+        residual[seen] += hidden.mean(axis=0)
     return FrameMisfit(
-        residual=mean_seen(scene.plane.residual[reference]),
+        residual=residual,
         names=[scene.marks[p].name for p in scene.frame],
-        fitted=8,
+        fitted=6,
         modes=lambda sd: sharederrors.frame(misplaced(scene.plane, scene.place), reference, slope, sd),
         noise=rest.frame_variance / len(reference),
     )

@@ -140,14 +140,14 @@ def test_a_camera_on_the_other_side_passes_where_y_says_so(lab: Lab) -> None:
 def test_one_frame_mark_off_by_less_than_the_limit_is_kept_as_a_fixed_one(lab: Lab) -> None:
     warp = seen(lab, lab.marks)
     marks = stated(lab.marks, shifted("frame4", 2.0, 0.0))
-    fit = frame_fit(marks, warp[:, :2, 2], sd_mm=0.1)
+    fit = frame_fit(marks, warp[:, :2, 2], sd_mm=0.1, camera=lab.camera)
     assert fit is not None
     kept, said = without_odd(fit, marks)
     assert [m.role for m in kept].count("frame") == 5
     assert kept[4].role == "fixed"
     says(said[0], "'frame4'", "2.00 mm")
     assert "x = 45.00, z = -64.00 mm" in said[0]
-    assert without_odd(frame_fit(lab.marks, warp[:, :2, 2], sd_mm=0.1), lab.marks) == (list(lab.marks), ())
+    assert without_odd(frame_fit(lab.marks, warp[:, :2, 2], sd_mm=0.1, camera=lab.camera), lab.marks) == (list(lab.marks), ())
 
 
 def test_places_that_all_scatter_keep_every_frame_mark(lab: Lab) -> None:
@@ -155,5 +155,5 @@ def test_places_that_all_scatter_keep_every_frame_mark(lab: Lab) -> None:
     dropped = 0
     for _ in range(40):  # three times the stated sd: the sd is enlarged instead
         off = [m if m.role != "frame" else replace(m, position=tuple(np.array(m.position) + rng.normal(0, 0.3, 3) * (1, 0, 1))) for m in lab.marks]
-        dropped += bool(without_odd(frame_fit(off, warp[:, :2, 2], sd_mm=0.1), off)[1])
+        dropped += bool(without_odd(frame_fit(off, warp[:, :2, 2], sd_mm=0.1, camera=lab.camera), off)[1])
     assert dropped <= 4  # six marks leave four degrees of freedom: by chance one of them explains all
