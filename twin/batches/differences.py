@@ -7,7 +7,7 @@ are refitted, and ranked with those that these data cannot tell from them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -127,7 +127,7 @@ def own_changes(model: Model, values: Theta) -> list[Deviation]:
     effects."""
     names, jacobian = [p.name for p in model.parameters], model.jacobian(model.theta(values))
     rows = {p.name: np.eye(len(names))[k] for k, p in enumerate(model.parameters)}
-    moduli = [name for name in (model.law.moduli if model.law else ()) if name in rows]
+    moduli = moduli_of(model)
     total = sum(values[name] for name in moduli)
 
     def change(name: str, directions: Array, sd: Array, told: Callable[[Theta], str]) -> Deviation:
@@ -159,6 +159,12 @@ def own_changes(model: Model, values: Theta) -> list[Deviation]:
     return out
 
 
+def moduli_of(model: Model) -> list[str]:
+    """The moduli of a model's law that are among its parameters."""
+    names = [p.name for p in model.parameters]
+    return [name for name in (model.law.moduli if model.law else ()) if name in names]
+
+
 @dataclass(frozen=True)
 class SecondFilm:
     """The second film at the values of the first fit: the whitener with what that left uncertain, the
@@ -173,11 +179,17 @@ class SecondFilm:
 
     @staticmethod
     def of(model: Model, values: Theta, covariance: Array, targets: Targets) -> "SecondFilm":
-        theta = model.theta(values)
-        jacobian = model.jacobian(theta)
+        """At fitted values with their covariance (d, d). What the mesh's stiffness may be off is the same in
+        both films, and the fitted moduli have taken it up: it is no error between the two."""
+        theta, errors = model.theta(values), ModelErrors.of(model, model.theta(values), targets)
+        jacobian, moduli = model.jacobian(theta), moduli_of(model)
+        every = len(moduli) == len(model.law.moduli) if model.law else False
+        if model.mesh is not None and every and len(errors.modes):
+            taken = model.mesh.stiffness * theta * [p.name in moduli for p in model.parameters]
+            covariance, errors = covariance - np.outer(taken, taken), replace(errors, modes=errors.modes[1:])
         sizes, axes = np.linalg.eigh(covariance)
         uncertain = np.tensordot((axes * np.sqrt(np.maximum(sizes, 0.0))).T, jacobian, 1)
-        w = ModelErrors.of(model, theta, targets).whitener(targets)
+        w = errors.whitener(targets)
         w = w.beside(uncertain, ["former"] * len(uncertain))
         predicted = model.predict(theta)
         before = compare(targets, predicted, w, jacobian=jacobian[:0])

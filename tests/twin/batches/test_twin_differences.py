@@ -64,6 +64,23 @@ def test_fingers_that_are_alike_but_for_what_the_first_fit_left_open_differ_in_n
     assert asked(stiffer=10 * SD).proven  # beyond it, it is one
 
 
+@dataclass(frozen=True, eq=False)
+class Meshed(Silicone):
+    """The same on a mesh whose stiffness is known to 5 %."""
+
+    def modes(self, theta: np.ndarray) -> np.ndarray:
+        return 0.05 * theta[0] * BASE
+
+
+def test_what_the_mesh_is_off_by_is_no_difference_of_two_fingers() -> None:
+    mesh = SimpleNamespace(stiffness=0.05, remainder_mm=0.0, unknown="")
+    model: Any = Meshed(FIELDS, mesh=mesh)
+    uncertain = np.diag([SD**2 + (0.05 * 1.3) ** 2])  # the first fit knows its modulus by the mesh's error
+    found = differing(model, {"base.C": 1.3}, uncertain, targets((1.3 + 10 * SD) * BASE[0], seed=0), EFFECTS)
+    assert found.proven
+    assert found.nearest[0].name == MODULUS
+
+
 def test_what_these_data_cannot_tell_apart_stays_together() -> None:
     model: Any = Silicone(FIELDS)
     t = targets(1.3 * BASE[0] + 0.2 * FIELDS["alpha"][0], seed=0)
