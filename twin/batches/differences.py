@@ -22,6 +22,7 @@ from twin.effects.requirements import lacking
 from twin.judging.comparison import Comparison, compare
 from twin.judging.fitting import ModelErrors
 from twin.judging.whitening import Whitener
+from twin.model.discretisation import WALL
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
@@ -110,7 +111,8 @@ def differing(
     done: list[Difference] = []
     for change, hint, begin in rows[:MOST]:
         best = max((d.evidence for d in done), default=-np.inf)
-        if done and hint < min(best, rows[0][1]) - REACH - BENT * abs(best):
+        behind = hint < min(best, rows[0][1]) - REACH - BENT * abs(best)
+        if done and (behind or (asked.before.adequate and hint < 0)):
             break
         found = asked.refitted(change, begin)
         done += [found] if found is not None else []
@@ -165,6 +167,17 @@ def moduli_of(model: Model) -> list[str]:
     return [name for name in (model.law.moduli if model.law else ()) if name in names]
 
 
+def _covariance(rows: Array) -> Array:
+    """The covariance (d, d) of parameters by their whitened derivatives (d, n)."""
+    return np.asarray(np.linalg.pinv(rows @ rows.T, rcond=1e-12, hermitian=True), float)
+
+
+def _root(covariance: Array) -> Array:
+    """A matrix (d, d) whose R' R is a covariance, without its part below 0."""
+    sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    return np.asarray((axes * np.sqrt(np.maximum(sizes, 0.0))).T, float)
+
+
 @dataclass(frozen=True)
 class SecondFilm:
     """The second film at the values of the first fit: the whitener with what that left uncertain, the
@@ -179,17 +192,19 @@ class SecondFilm:
 
     @staticmethod
     def of(model: Model, values: Theta, covariance: Array, targets: Targets) -> "SecondFilm":
-        """At fitted values with their covariance (d, d). What the mesh's stiffness may be off is the same in
-        both films, and the fitted moduli have taken it up: it is no error between the two."""
+        """At fitted values with their covariance (d, d). What the mesh's stiffness and the walls may be off
+        is the same in both films, and the fitted moduli have taken it up: it is no error between the two."""
         theta, errors = model.theta(values), ModelErrors.of(model, model.theta(values), targets)
-        jacobian, moduli = model.jacobian(theta), moduli_of(model)
-        every = len(moduli) == len(model.law.moduli) if model.law else False
-        if model.mesh is not None and every and len(errors.modes):
-            taken = model.mesh.stiffness * theta * [p.name in moduli for p in model.parameters]
-            covariance, errors = covariance - np.outer(taken, taken), replace(errors, modes=errors.modes[1:])
-        sizes, axes = np.linalg.eigh(covariance)
-        uncertain = np.tensordot((axes * np.sqrt(np.maximum(sizes, 0.0))).T, jacobian, 1)
-        w = errors.whitener(targets)
+        jacobian = model.jacobian(theta)
+        own = np.array([not name.startswith(WALL) for name in errors.names], bool)
+        if model.mesh is not None and model.law and moduli_of(model) == list(model.law.moduli):
+            own[:1] = False  # the first is exactly what these moduli take up
+        names = tuple(name for name, kept in zip(errors.names, own, strict=True) if kept)
+        w = replace(errors, modes=errors.modes[own], names=names).whitener(targets)
+        if not own.all():
+            least, more = (_covariance(each.whiten(jacobian)) for each in (w, errors.whitener(targets)))
+            covariance = least + _root(covariance - more).T @ _root(covariance - more)
+        uncertain = np.tensordot(_root(covariance), jacobian, 1)
         w = w.beside(uncertain, ["former"] * len(uncertain))
         predicted = model.predict(theta)
         before = compare(targets, predicted, w, jacobian=jacobian[:0])

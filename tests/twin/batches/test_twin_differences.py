@@ -73,7 +73,7 @@ class Meshed(Silicone):
 
 
 def test_what_the_mesh_is_off_by_is_no_difference_of_two_fingers() -> None:
-    mesh = SimpleNamespace(stiffness=0.05, remainder_mm=0.0, unknown="")
+    mesh = SimpleNamespace(stiffness=0.05, remainder_mm=0.0, unknown="", wall_modes=slice(1, 1), wall_names=())
     model: Any = Meshed(FIELDS, mesh=mesh)
     uncertain = np.diag([SD**2 + (0.05 * 1.3) ** 2])  # the first fit knows its modulus by the mesh's error
     found = differing(model, {"base.C": 1.3}, uncertain, targets((1.3 + 10 * SD) * BASE[0], seed=0), EFFECTS)
