@@ -80,8 +80,8 @@ def node(value: Array, marks: Sequence[Mark], slope: Array, sd: float, measured_
 def slopes(value: Array, marks: Sequence[Mark], turns: Array) -> Array:
     """Slopes (s,p,2,2) of the displacement's x and z by the material point's x and z; 0 off the finger.
 
-    Along the finger it is the chord between the neighbouring finger marks, stretch included; without one, and
-    across the finger, that of the turn (s,p) rad, R - 1.
+    Along the finger it is the chord between the neighbouring finger marks, stretch included, less what their
+    heights make of it; without one, and across the finger, that of the turn (s,p) rad, R - 1.
     """
     out = np.zeros((*turns.shape, 2, 2))
     points, finger = np.array([mark.position for mark in marks]), with_role(marks, "finger")
@@ -89,7 +89,8 @@ def slopes(value: Array, marks: Sequence[Mark], turns: Array) -> Array:
         along, out[:, p, :, 1] = _turned(turns[:, p])
         a, b = _beside(points, finger, p)
         if points[b, 0] > points[a, 0]:
-            chord = (value[:, b] - value[:, a])[:, [0, 2]] / (points[b, 0] - points[a, 0])
+            (x, _, z), across = points[b] - points[a], out[:, p, :, 1]
+            chord = ((value[:, b] - value[:, a])[:, [0, 2]] - z * across) / x
             along = np.where(np.isfinite(chord), chord, along)
         out[:, p, :, 0] = along
     return out

@@ -97,7 +97,8 @@ def measure(
     rest = mean_seen(seen[0].film.ideal[seen[0].film.reference])
     every, remark = without_odd(frame_fit(marks, rest, sd_mm=stated.frame_mm, camera=seen[0].camera), marks)
     seen[0] = replace(seen[0], remarks=(*seen[0].remarks, *remark))
-    every, covariance = at_rest(seen[0], every, stated.frame_mm)
+    # a clamp marker is off on the body, and by the frame in which it is seen, each by as much
+    every, covariance = at_rest(seen[0], every, float(np.sqrt(2.0)) * stated.frame_mm)
     if covariance is not None:
         stated = replace(stated, pose=tuple(map(tuple, principal(covariance).tolist())))
     if face is not None:

@@ -87,7 +87,7 @@ def test_markers_of_the_clamp_tell_where_the_body_stands(lab: Lab, filmed: Video
     assert len(poses) == 3
     tip, top = of_finger(found)[-1], float(np.nanmax(np.abs(found.value)))
     size = np.sqrt((found.modes[poses][:, -1, tip] ** 2).sum())
-    assert 0.05 < size < 0.3  # 0.1 mm of a clamp marker, through 0.9 rad and a turn of 0.1 / 120 of 40 mm
+    assert 0.05 < size < 0.5  # 0.1 mm of a clamp marker, through 0.9 rad and a turn of 0.1 / 120 of 40 mm
     assert top > 30.0
 
 
