@@ -84,7 +84,8 @@ def draw(rng: np.random.Generator, *, spread: float) -> Draw:
     focal = PX * DISTANCE
     matrix = np.array([[focal, 0, 400.0], [0, focal, 300.0], [0, 0, 1]])
     camera = Camera(matrix, np.zeros(5), (800, 600))
-    true = BodyPose(*rng.normal(0, 0.3, 2), np.deg2rad(rng.normal(0, 0.3)))
+    x, z = rng.normal(0, 0.3, 2)
+    true = BodyPose(float(x), float(z), float(np.deg2rad(rng.normal(0, 0.3))))
     tags = NODES + rng.uniform(-spread, spread, NODES.shape)
     c, s = np.cos(true.turn), np.sin(true.turn)
     turned = np.array([[c, s], [-s, c]])
@@ -152,7 +153,7 @@ def fitted(d: Draw, pose: BodyPose, errors: Array, *, stated: bool) -> tuple[Arr
     base = moved(1.0, 0.0)
     J = np.stack([(moved(1.001, 0.0) - base) / 1e-3, (moved(1.0, 1e-3) - base) / 1e-3], axis=1)
     weighted = np.linalg.solve(covariance, J)
-    spread = np.linalg.inv(J.T @ weighted)
+    spread = np.asarray(np.linalg.inv(J.T @ weighted), float)
     return spread @ weighted.T @ (value[1:].ravel() - base), spread
 
 

@@ -187,7 +187,7 @@ def _searched(on: OnPaths, run: Run, say: Say) -> Generation:
 def _of_all(on: OnPaths, theta: Array) -> str:
     """A sentence where constants (d,) leave far more of all data than of the objective; "" elsewhere."""
     t, u, named = on.bench.targets, on.predicted(theta), on.bench.project.config.calibrate.objective_points
-    if u is None or (rms := t.rms(t.value - u)) < FAR * on.cost(on.bench.model().named(theta)):
+    if u is None or (rms := t.rms(t.value - u)) < FAR * on.cost(on.bench.model(()).named(theta)):
         return ""
     return f"That is of {' and '.join(named)} at the top pressure; of all data they leave {rms:.3f} mm RMS."
 
