@@ -39,6 +39,16 @@ class FrameTable(TableModel):
         description="of a sheet: what its rulers measure, across and upright, mm; left out: the scale may be "
         "off by 0.5 %",
     )
+    pictures: RelativePath | None = Field(
+        default=None,
+        description="of loose markers: rig and board together, raw/rig/*.jpg, from which `twin setup` "
+        "measures the sheet",
+    )
+    axes: tuple[int, int] | None = Field(
+        default=None,
+        description="of loose markers: ids of the one at x = 0, z = 0 and of one level with it; left out: "
+        "the one nearest to the clamp, and the rows of the film",
+    )
     finger: Literal["right", "left"] = Field(
         default="right", description="of a sheet: side to which the finger points in the picture"
     )

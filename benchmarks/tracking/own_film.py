@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from benchmarks.tracking.studio import before, board_poses, write_log
+from benchmarks.tracking.studio import FACING, before, board_poses, write_log
 
 import cv2
 import numpy as np
@@ -15,11 +15,11 @@ from vision.boards.charuco import CharucoBoard
 from vision.drawing import synthetic
 from vision.kinds import CodedMarker
 
-SIZE, RATE, FRAMES, STILL = (800, 500), 10.0, 60, 300
-PX_PER_MM, AWAY = 3.0, 900.0
+SIZE, RATE, FRAMES, STILL = (800, 500), 10.0, 66, 300
+PX_PER_MM, AWAY, RIG_AWAY = 3.0, 900.0, 1200.0  # mm, of the film, and of pictures of the rig
 FILM_START, STATIC_START, LOG_END = 34.0, 1.0, 45.0  # s on the clock of the log
 TOP_MPA = 0.03
-BOARD = CharucoBoard(columns=8, rows=6, square_mm=20.0, marker_mm=15.0)  # another than the template's
+BOARD = CharucoBoard(columns=8, rows=6, square_mm=15.0, marker_mm=11.2)  # another than the template's
 SINKS = np.array([(0.0, -1.5), (-0.6, -6.0), (-1.5, -12.0), (-5.0, -25.0)])  # mm at the top, by id
 ALONG = (20.0, 45.0, 65.0, 108.0)  # x mm, near the lower edge of the side face
 TAG_MM, UP_MM = 7.0, 4.0
@@ -27,7 +27,7 @@ TAG_MM, UP_MM = 7.0, 4.0
 
 def pressure(time: Array) -> Array:
     """MPa at times on the log's clock: two rises, as the protocol of the docs has."""
-    share = np.interp(time - FILM_START, [2.0, 2.6, 3.6, 4.2], [0.0, 0.6, 0.6, 1.0])
+    share = np.interp(time - FILM_START, [2.0, 3.4, 4.4, 5.4], [0.0, 0.6, 0.6, 1.0])
     return TOP_MPA * share
 
 
@@ -36,20 +36,43 @@ def finger_tags(y: float) -> tuple[Mark, ...]:
     return tuple(Mark(f"t{k}", CodedMarker(k, TAG_MM), (x, y, UP_MM), "finger") for k, x in enumerate(ALONG))
 
 
+def _lens() -> Camera:
+    focal = PX_PER_MM * AWAY
+    matrix = np.array([[focal, 0.0, 0.5 * SIZE[0] + 2.0], [0.0, focal, 0.5 * SIZE[1] - 3.0], [0, 0, 1.0]])
+    return Camera(matrix, np.array([-0.1, 0.0, 0.0, 0.0, 0.0]), SIZE)
+
+
+def _marks(rig: Sequence[MarkerTable]) -> list[Mark]:
+    sides = [(m, m.marker, m.size_mm) for m in rig]
+    return [Mark(m.name, CodedMarker(k or 0, mm or 0.0), m.position_mm, m.role) for m, k, mm in sides]
+
+
+def write_rig(folder: Path, rig: Sequence[MarkerTable], *, seed: int = 1) -> None:
+    """Pictures of the board lying in the middle of the rig, from nine sides."""
+    middle = np.mean([m.position_mm for m in rig], axis=0)
+    half = 0.5 * BOARD.square_mm * np.array([BOARD.columns, BOARD.rows, 0.0])
+    folder.mkdir(parents=True)
+    poses = board_poses(BOARD, RIG_AWAY, (8.0, 5.0), np.random.default_rng(seed))[:9]
+    for k, (turn, shift) in enumerate(poses):
+        turned = np.asarray(cv2.Rodrigues(turn)[0]) @ FACING  # world to the board's axes, to the camera's
+        pose = np.asarray(cv2.Rodrigues(turned)[0]).ravel(), shift - turned @ (middle - FACING.T @ half)
+        picture = synthetic.board_image(
+            _lens(), BOARD, (turn, shift), seed=seed + k, marks=_marks(rig), marks_pose=pose
+        )
+        cv2.imwrite(str(folder / f"r{k:02d}.png"), picture)
+
+
 def write_recordings(
     raw: Path, rig: Sequence[MarkerTable], *, still: int = STILL, seed: int = 1
 ) -> Mapping[int, Array]:
     """film.mkv, static.mkv, pictures of a board and log.csv in a folder, and the true places (3,) mm of the
     finger's tags at rest, by id.   rig: the sheet's markers, seen from +y.   still: frames of static.mkv."""
     y = rig[0].position_mm[1]
-    sides = [(m, m.marker, m.size_mm) for m in rig]
-    on_rig = [Mark(m.name, CodedMarker(k or 0, mm or 0.0), m.position_mm, m.role) for m, k, mm in sides]
+    on_rig = _marks(rig)
     own = finger_tags(y)
     marks = [*on_rig, *own]
     middle = np.mean([m.position for m in on_rig], axis=0)
-    focal = PX_PER_MM * AWAY
-    matrix = np.array([[focal, 0.0, 0.5 * SIZE[0] + 2.0], [0.0, focal, 0.5 * SIZE[1] - 3.0], [0, 0, 1.0]])
-    lens = Camera(matrix, np.array([-0.1, 0.0, 0.0, 0.0, 0.0]), SIZE)
+    lens = _lens()
     time = np.arange(FRAMES) / RATE
     share = pressure(time + FILM_START) / TOP_MPA
     for name, shares in (("film", share), ("static", np.zeros(still))):

@@ -9,13 +9,13 @@ from typer import Argument, Option
 from twin import files
 from twin.bodies.kinds import BODIES
 from twin.commands.init import film_config
-from twin.inputs.foundrecordings import Recordings, Tags, first, recordings
+from twin.inputs.foundrecordings import Recordings, Tags, first, pattern_of, recordings
 from twin.marktables import FrameTable, PointTable
 from twin.messages import Say
 from twin.project.cameratables import CameraTable
 from twin.project.config import Config, usual_objective
 from twin.project.folder import named_after
-from twin.project.framesheet import markers_of, read_sheet
+from twin.project.framesheet import SheetTable, markers_of, read_sheet
 from twin.project.toml import dump, parse, write
 from twin.targets import Array
 
@@ -46,10 +46,12 @@ def run_setup(
     board = table.board or film_config("batch").cameras[0].board
     assert board is not None
     found = recordings(root, dictionary=table.dictionary, board=board)
-    config, unclear = _config(root, stated, found)
+    config, sheet, unclear = _config(root, stated, found)
     for line in _said(root, config, found):
         say(line)
     wanted = [*found.open, *unclear, *_dimensions(former)]
+    if found.board is not None and (former is None or found.board != former.cameras[0].board):
+        wanted.append("square_mm and marker_mm under [cameras.board]: measure the side of a square, mm.")
     if wanted:
         say("Not decided; correct it in twin.toml:" if yes else "Not decided:")
     for line in wanted:
@@ -58,26 +60,31 @@ def run_setup(
     if not yes:
         say("Nothing is written: add --yes.")
         return result
-    if path.is_file():
-        kept = _kept(root)
-        path.rename(kept)
-        say(f"The former twin.toml is kept as {kept.name}.")
-    write(path, dump(config))
+    text = dump(config)
+    parse(text.encode(), name=path.name)  # before anything is written
+    if sheet is not None:
+        _keep(root / SHEET, say)
+        files.write_text(root / SHEET, sheet.text())
+    _keep(path, say)
+    write(path, text)
     say(f"Wrote {folder / 'twin.toml'}. Next: `twin check --project {files.typed(folder)}`.")
     return result
 
 
-def _kept(root: Path) -> Path:
+def _keep(path: Path, say: Say) -> None:
+    """Give a file that is there another name, such as twin-0001.toml; make its folder where it is not."""
+    path.parent.mkdir(exist_ok=True)
     number = 1
-    while (path := root / f"twin-{number:04d}.toml").exists():
+    while (kept := path.with_name(f"{path.stem}-{number:04d}{path.suffix}")).exists():
         number += 1
-    return path
+    if path.is_file():
+        path.rename(kept)
+        say(f"The former {path.name} is kept as {kept.name}.")
 
 
-def _config(root: Path, stated: Config, found: Recordings) -> tuple[Config, list[str]]:
-    """The configuration of what is found, and sentences on what it leaves open."""
+def _config(root: Path, stated: Config, found: Recordings) -> tuple[Config, SheetTable | None, list[str]]:
+    """The configuration of what is found, a frame that is measured anew, and sentences on what is open."""
     table, pressure = stated.cameras[0], stated.pressure
-    unclear: list[str] = []
 
     def shown(path: Path) -> str:
         return path.relative_to(root).as_posix()
@@ -91,53 +98,101 @@ def _config(root: Path, stated: Config, found: Recordings) -> tuple[Config, list
         pressure = pressure.model_copy(update={"file": shown(found.log.path), **join})
     config = stated.model_copy(update={"cameras": (table.model_copy(update=keys),), "pressure": pressure})
     if found.film is None:
-        return config, unclear
-    frame, points, unclear = _marks(root, config, found.film)
-    known = {point.name for point in points}
+        return config, None, []
+    frame, sheet, new, unclear = _frame(root, config, found, found.film)
+    config = config.model_copy(update={"frame": frame})
+    points, more = _marks(config, sheet, found.film)
     calibrate = config.calibrate
-    if not known.issuperset(calibrate.objective_points):
+    if not {point.name for point in points}.issuperset(calibrate.objective_points):
         calibrate = calibrate.model_copy(update={"objective_points": usual_objective(points)})
-    return config.model_copy(update={"frame": frame, "points": points, "calibrate": calibrate}), unclear
+    config = config.model_copy(update={"points": points, "calibrate": calibrate})
+    return config, sheet if new else None, [*unclear, *more]
 
 
-def _marks(root: Path, config: Config, film: Tags) -> tuple[FrameTable, tuple[PointTable, ...], list[str]]:
-    """The tables of the rig and of the finger: tags of the sheet, or those that twin.toml places, are the
-    rig, the others that move are the finger."""
-    frame, unclear = config.frame, []
-    if (root / SHEET).is_file():
-        of_sheet = {mark.marker for mark in read_sheet(root / SHEET).markers}
-        ruler = frame.ruler_mm if frame.sheet else None
-        side = _points_to(root, film, of_sheet)
-        frame = FrameTable(sheet=SHEET, ruler_mm=ruler, finger=side, y_mm=frame.y_mm if frame.sheet else None)
-        if ruler is None:
-            unclear.append("ruler_mm under [frame]: measure both rulers of the sheet, across and upright.")
-    placed = frame.markers
-    if frame.sheet is not None:
-        placed = markers_of(read_sheet(root / frame.sheet), config.model_copy(update={"frame": frame}))
-    seen = tuple(mark for mark in placed if mark.marker in film.codes)
-    if frame.sheet is None:
-        frame = frame.model_copy(update={"markers": seen})
-    of_rig = {mark.marker for mark in seen}
-    loose = [code for k, code in enumerate(film.codes) if not film.moves[k] and code not in of_rig]
-    if loose:
-        unclear.append(
-            f"Tags {', '.join(map(str, loose))} stand still: where they are nobody knows. They are left out; "
-            "on the rig they want [[frame.markers]] with position_mm, or a printed sheet."
+def _frame(
+    root: Path, config: Config, found: Recordings, film: Tags
+) -> tuple[FrameTable, SheetTable | None, bool, list[str]]:
+    """[frame], its sheet, whether that is measured anew, and what is open: the printed sheet where there is
+    one, else loose markers from pictures of the rig, else what is typed."""
+    frame, path = config.frame, root / SHEET
+    sheet = read_sheet(path) if path.is_file() else None
+    if found.rig and (sheet is None or sheet.ruler_mm is None):
+        try:
+            sheet, unclear = _loose(config, found, film)
+        except ValueError as error:
+            return frame, None, False, [f"Pictures of the rig: {error}."]
+        new = FrameTable(
+            sheet=SHEET, pictures=pattern_of(root, found.rig), axes=frame.axes, finger=_side(film, None),
+            y_mm=frame.y_mm if frame.sheet else None,
+        )  # fmt: skip
+        return new, sheet, True, unclear
+    if sheet is None:
+        seen = tuple(mark for mark in frame.markers if mark.marker in film.codes)
+        return frame.model_copy(update={"markers": seen}), None, False, []
+    ruler = frame.ruler_mm if frame.sheet else None
+    unclear = [] if ruler else ["ruler_mm under [frame]: measure both rulers of the sheet, across, upright."]
+    stated = frame.y_mm if frame.sheet else None
+    side = _side(film, sheet)
+    return FrameTable(sheet=SHEET, ruler_mm=ruler, finger=side, y_mm=stated), sheet, False, unclear
+
+
+def _loose(config: Config, found: Recordings, film: Tags) -> tuple[SheetTable, list[str]]:
+    """The frame that pictures of the rig tell, and sentences on typed places that are odd, or on its axes."""
+    from twin.inputs.looseframe import measured, sheet_in_typed, sheet_of
+
+    assert found.board is not None  # the rig's pictures show it
+    seen = measured(found.rig, found.board, film, found.dictionary)
+    typed = config.frame.markers if config.frame.markers != film_config("batch").frame.markers else ()
+    if typed:
+        sheet, odd = sheet_in_typed(
+            seen, film, typed, sd_mm=config.measure.frame_sd_mm, along=_along(film, None)
         )
-    own = [k for k, code in enumerate(film.codes) if film.moves[k] and code not in of_rig]
-    return frame, _points(config, film, own, seen), unclear
+        return sheet, [*seen.remarks, *odd]
+    root = min(_movers(film, set(seen.codes)), key=lambda k: float(film.reach[k]), default=0)
+    sheet = sheet_of(seen, film, axes=config.frame.axes, near=first(film.centre)[root])
+    if config.frame.axes is not None:
+        return sheet, list(seen.remarks)
+    origin = min(sheet.markers, key=lambda m: abs(m.place_mm[0]) + abs(m.place_mm[1])).marker
+    return sheet, [*seen.remarks, (
+        "axes under [frame]: ids of the marker at the clamp's front and the finger's bottom, x = 0, z = 0, "
+        f"and of one level with it. Now marker {origin} is at x = 0, z = 0, and the film's rows are level."
+    )]  # fmt: skip
 
 
-def _points_to(root: Path, film: Tags, rig: set[int]) -> Any:
-    """The side to which the finger points on the sheet: from the moving tag that moves least to that which
-    moves most."""
-    places = {mark.marker: mark.place_mm for mark in read_sheet(root / SHEET).markers}
-    own = [k for k, code in enumerate(film.codes) if film.moves[k] and code not in rig]
+def _marks(config: Config, sheet: SheetTable | None, film: Tags) -> tuple[tuple[PointTable, ...], list[str]]:
+    """The finger's points: tags that move and are not on the rig; and a sentence on what is neither."""
+    placed = config.frame.markers if sheet is None else markers_of(sheet, config)
+    seen = tuple(mark for mark in placed if mark.marker in film.codes)
+    of_rig = {mark.marker for mark in seen if mark.marker is not None}
+    loose = [code for k, code in enumerate(film.codes) if not film.moves[k] and code not in of_rig]
+    unclear = [] if not loose else [
+        f"Tags {', '.join(map(str, loose))} stand still: where they are nobody knows. They are left out; on "
+        "the rig they want a printed sheet, pictures of the board among them, or [[frame.markers]]."
+    ]  # fmt: skip
+    return _points(config, film, _movers(film, of_rig), seen), unclear
+
+
+def _movers(film: Tags, rig: set[int]) -> list[int]:
+    """Rows of the tags that move and are not on the rig."""
+    return [k for k, code in enumerate(film.codes) if film.moves[k] and code not in rig]
+
+
+def _side(film: Tags, sheet: SheetTable | None) -> Any:
+    """The side to which the finger points."""
+    return "right" if _along(film, sheet) > 0 else "left"
+
+
+def _along(film: Tags, sheet: SheetTable | None) -> float:
+    """1 where the finger points to the right of the sheet, or of the film, else -1: from the moving tag that
+    moves least to that which moves most."""
+    places = {} if sheet is None else {mark.marker: mark.place_mm for mark in sheet.markers}
+    own = _movers(film, set(places))
     if not own:
-        return "right"
-    right = _places(film, own, places)[:, 0]
+        return 1.0
+    right = (_places(film, own, places) if places else first(film.centre)[own])[:, 0]
     order = np.argsort(film.reach[own])
-    return "right" if right[order[-1]] - (right[order[0]] if len(own) > 1 else 0.0) > 0 else "left"
+    middle = 0.0 if places else 0.5 * float(np.nanmax(film.centre[..., 0]))
+    return 1.0 if right[order[-1]] > (right[order[0]] if len(own) > 1 else middle) else -1.0
 
 
 def _places(film: Tags, own: "Sequence[int]", places: dict[int, Any]) -> Array:
@@ -156,16 +211,15 @@ def _points(config: Config, film: Tags, own: "Sequence[int]", rig: Any) -> tuple
     former = {point.marker: point for point in stated if point.marker is not None}
     if not own or len(rig) < 4:
         return config.points
-    place = _places(film, own, {mark.marker: np.array(mark.position_mm)[[0, 2]] for mark in rig})
-    x, y = place[:, 0], rig[0].position_mm[1]
+    x = _places(film, own, {mark.marker: np.array(mark.position_mm)[[0, 2]] for mark in rig})[:, 0]
     tip = int(np.argmax(x))
     middle = int(np.argmin(np.abs(x - 0.5 * x[tip])))
     size = _sizes(film, own, rig)
     points = []
     for rank, k in enumerate(np.argsort(x)):
         name = "tip" if k == tip else "middle" if k == middle else f"p{rank + 1}"
-        code, at = film.codes[own[k]], (round(float(x[k]), 2), y, round(float(place[k, 1]), 2))
-        new = PointTable(name=name, marker=code, size_mm=round(float(size[k]), 2), position_mm=at)
+        code = film.codes[own[k]]  # where it sits, `twin measure` measures
+        new = PointTable(name=name, marker=code, size_mm=round(float(size[k]), 2))
         points.append(former.get(code) or new)
     return tuple(points)
 
@@ -197,8 +251,9 @@ def _said(root: Path, config: Config, found: Recordings) -> list[str]:
     if found.start_s is not None:
         lines.append(f"Clock: the film starts at about {found.start_s:.1f} s of the log; `twin measure` "
                      "fits that to all its motion.")  # fmt: skip
-    if config.frame.sheet is not None:
-        lines.append(f"Frame: the sheet {config.frame.sheet}, finger to the {config.frame.finger}.")
+    if (frame := config.frame).sheet is not None:
+        what = f"loose markers, from {frame.pictures}" if frame.pictures else f"the sheet {frame.sheet}"
+        lines.append(f"Frame: {what}, finger to the {frame.finger}.")
     if found.film is not None:
         names = ", ".join(f"{point.name} (id {point.marker})" for point in config.points)
         lines.append(f"Points on the finger: {names}.")

@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +25,7 @@ OWN = ("runs", "targets", "cache", "effects")  # folders that commands write
 LOOKED_AT, LEAST_BOARDS, IN_BOARDS = 40, 4, 8  # frames of a film; pictures of a board, and how many are tried
 OFTEN = 0.5  # share of the frames in which a tag is read
 MOVES_PX, TIMES = 1.0, 8.0  # a tag moves that goes so far, and so many times as far as those that stand still
+LEAST_IDS, WITHIN = 8, 0.15  # markers that tell a board's columns, and how well in squares
 NOISE_PX = 0.2  # of a tag's middle by its corners
 
 
@@ -56,6 +58,11 @@ class Tags:
             return np.zeros(0, bool)
         return np.asarray(self.reach > max(MOVES_PX, TIMES * float(np.quantile(self.reach, 0.25))))
 
+    @property
+    def still(self) -> set[int]:
+        """Ids of the tags that stand still."""
+        return {code for code, moves in zip(self.codes, self.moves, strict=True) if not moves}
+
     def motion(self) -> Motion:
         """Way of the moving tags from their first places, in px."""
         squares = ((self.centre - first(self.centre))[:, self.moves] ** 2).sum(axis=2)
@@ -75,6 +82,7 @@ class Recordings:
     film: Tags | None = None
     static: Tags | None = None
     boards: str | None = None  # pattern of pictures, or a film
+    rig: tuple[Path, ...] = ()  # pictures of the board among the tags that stand still
     board: BoardTable | None = None
     log: Log | None = None
     dictionary: str = "DICT_4X4_50"
@@ -89,14 +97,18 @@ def recordings(root: Path, *, dictionary: str, board: BoardTable) -> Recordings:
         none = f"No film: wanted one of {', '.join(FILMS)} in {root}."
         return Recordings(dictionary=dictionary, open=(none,))
     dictionary = _dictionary(videos, dictionary)
-    boards, board_found = _boards(pictures, videos, board, dictionary)
-    looks = [_tags(path, dictionary) for path in videos if path != boards]
+    with_board = list(_boards(pictures, videos, board, dictionary))
+    looks = [_tags(path, dictionary) for path in videos if path not in [group for group, _ in with_board]]
     tests = [t for t in looks if t.moves.any() and (~t.moves).sum() >= 4]
     film = max(tests, key=lambda t: float(t.reach.max()), default=None)
     still = [t for t in looks if t is not film and t.codes and not t.moves.any()]
     static = max(still, key=lambda t: t.frames, default=None)
     log, unclear = _log(tables)
-    found = Recordings(film, static, _pattern(root, boards), board_found, log, dictionary, open=unclear)
+    fixed = film.still if film else set()
+    rigs = [g for g, _ in with_board if not isinstance(g, Path) and _shows(g, fixed, dictionary)]
+    alone = [pair for pair in with_board if pair[0] not in rigs] or with_board
+    boards, of_board = (pattern_of(root, alone[0][0]), alone[0][1]) if alone else (None, None)
+    found = Recordings(film, static, boards, tuple(*rigs[:1]), of_board, log, dictionary, open=unclear)
     return _with_clock(replace(found, open=(*_missing(found, videos), *found.open)))
 
 
@@ -118,10 +130,8 @@ def _skipped(path: Path) -> bool:
     return path.parts[0] in OWN or any(part.startswith(".") for part in path.parts)
 
 
-def _pattern(root: Path, boards: Path | list[Path] | None) -> str | None:
+def pattern_of(root: Path, boards: Path | Sequence[Path]) -> str:
     """The pictures of a folder, or a film, as twin.toml names them."""
-    if boards is None:
-        return None
     path = boards if isinstance(boards, Path) else boards[0].parent / f"*{boards[0].suffix}"
     return path.relative_to(root).as_posix()
 
@@ -167,9 +177,9 @@ def _dictionary(videos: Sequence[Path], stated: str) -> str:
 
 def _boards(
     pictures: Sequence[list[Path]], videos: Sequence[Path], stated: BoardTable, dictionary: str
-) -> tuple[list[Path] | Path | None, BoardTable | None]:
-    """The pictures of a board, or a film of it, and that board: the one that is stated, or one whose markers
-    tell its columns and rows. The first pictures that show one."""
+) -> Iterator[tuple[list[Path] | Path, BoardTable]]:
+    """Folders of pictures of a board, and films of it, each with that board: the one that is stated, or one
+    whose markers tell its columns and rows."""
     from vision import Board, Video
     from vision.boards.board import MIN_CORNERS
     from vision.film.series import bits_of_pictures, read_picture
@@ -191,8 +201,18 @@ def _boards(
             own = Board.of(**table.model_dump() | {"marker_mm": table.marker_mm or 0.0})
             views = [own.find(own.black_on_white(picture)) for picture in looked]
             if sum(len(view) >= MIN_CORNERS for view in views) >= OFTEN * len(looked):
-                return group, table
-    return None, None
+                yield group, table
+                break
+
+
+def _shows(group: Sequence[Path], codes: set[int], dictionary: str) -> bool:
+    """True where most of some pictures show four or more of the tags."""
+    from vision.film.series import bits_of_pictures, read_picture
+    from vision.marks import detect_wanted
+
+    bits, few = bits_of_pictures(group), _even(len(group), IN_BOARDS)
+    views = [detect_wanted(read_picture(group[k], bits), dictionary, codes)[0] for k in few]
+    return sum(len(codes & set(view)) >= 4 for view in views) >= OFTEN * len(few)
 
 
 def _read_board(looked: "Sequence[Image]", stated: BoardTable, dictionary: str) -> BoardTable | None:
@@ -203,32 +223,28 @@ def _read_board(looked: "Sequence[Image]", stated: BoardTable, dictionary: str) 
     from vision.marks import detect
     from vision.plane import fit_homography, to_plane
 
-    names = dict.fromkeys((stated.dictionary, dictionary))
-    for name in names:
-        views = [detect(picture, name)[0] for picture in looked]
-        best = max(views, key=len)
-        if len(best) < 8:
+    for name in dict.fromkeys((stated.dictionary, dictionary)):
+        best = max((detect(picture, name)[0] for picture in looked), key=len)
+        if len(best) < LEAST_IDS:
             continue
         codes = np.array(sorted(best))
         seen = np.array([best[c].mean(axis=0) for c in codes])
         fits = {}
         for columns in range(3, 31):
-            place = _white(columns)[codes] if codes.max() < len(_white(columns)) else None
-            if place is None or np.linalg.matrix_rank(place - place.mean(axis=0)) < 2:
-                continue
-            back = to_plane(fit_homography(place, seen)[None], seen[None])[0]
-            fits[columns] = float(np.sqrt(np.mean((back - place) ** 2)))
-        if not fits or min(fits.values()) > 0.1:  # squares
+            there = codes < len(_white(columns))
+            _, agree = cv2.findHomography(seen[there], _white(columns)[codes[there]], cv2.RANSAC, WITHIN)
+            fits[columns] = codes[there][np.ravel(agree) > 0] if agree is not None else codes[:0]
+        columns = max(fits, key=lambda c: len(fits[c]))
+        own = fits[columns]  # the others are tags beside the board
+        if len(own) < LEAST_IDS:
             continue
-        columns = min(fits, key=lambda c: fits[c])
-        place = _white(columns)[codes]
-        to_px = fit_homography(place, seen)
-        corners = to_plane(to_px[None], np.array([best[c] for c in codes]).reshape(1, -1, 2))[0]
+        to_px = fit_homography(_white(columns)[own], np.array([best[c].mean(axis=0) for c in own]))
+        corners = to_plane(to_px[None], np.array([best[c] for c in own]).reshape(1, -1, 2))[0]
         side = float(np.median(np.linalg.norm(np.diff(corners.reshape(-1, 4, 2), axis=1), axis=2)))
-        rows = int(_white(columns)[max(c for view in views for c in view)][1]) + 1
-        share = round(side, 2)
-        return BoardTable(columns=columns, rows=rows, square_mm=stated.square_mm, dictionary=name,
-                          marker_mm=round(share * stated.square_mm, 3))  # fmt: skip
+        return BoardTable(
+            columns=columns, rows=int(_white(columns)[own.max()][1]) + 1, square_mm=stated.square_mm,
+            dictionary=name, marker_mm=round(round(side, 2) * stated.square_mm, 3),
+        )  # fmt: skip
     return None
 
 

@@ -109,11 +109,14 @@ def board_image(
     blur_px: float = 0.8,
     noise_grey: float = 1.0,
     seed: int = 0,
+    marks: tuple[Mark, ...] | list[Mark] = (),
+    marks_pose: tuple[Array, Array] | None = None,
 ) -> Image:
-    """Picture (h,w) of a board of any kind.
+    """Picture (h,w) of a board of any kind, and of marks beside it.
 
     camera, board: who looks, at what.   pose: (rvec, tvec) from board (mm, x right, y down) to camera.
     blur_px: sd of the lens blur.   noise_grey: sd of the noise.
+    marks_pose: from the world in which the marks have their places to camera.
     """
     homography = _plane_homography(Pose(*pose), np.zeros(3), np.eye(3)[0], np.eye(3)[1])
     middle = homography @ (board.columns * board.square_mm / 2.0, board.rows * board.square_mm / 2.0, 1.0)
@@ -128,6 +131,10 @@ def board_image(
     inside = ((texel > 0) & (texel < np.array(paper.shape[::-1]) - 1)).all(axis=-1)
     seen = np.where(inside, _lookup(blurred, texel), -1.0).reshape((*picture.shape, 4))
     drawn = np.where(seen >= 0, INK + (PAPER - INK) * seen, picture[..., None]).mean(axis=-1)
+    if marks and marks_pose is not None:
+        scene = _Scene(camera, Pose(*marks_pose), marks, blur_px, "DICT_4X4_50")
+        places = np.array([mark.position for mark in marks])
+        scene.draw(drawn, places, np.zeros(len(marks)), np.arange(len(marks)))
     return _expose(drawn, noise_grey, np.random.default_rng([seed, 1]))
 
 

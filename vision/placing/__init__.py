@@ -5,5 +5,6 @@ lens stayed as it was. `restplaces` tells where the finger's marks sit and where
 film at rest. `singlecamera` places marks with one camera, in the plane of the frame marks; `planeerrors`
 states what that camera cannot see. `multicamera` places them with several cameras: `triangulation` finds the
 places in space, `clocks` brings the films to common times, `spaceerrors` states the errors. Both ways end in
-`vision.errors.errormodel`, which puts all errors together.
+`vision.errors.errormodel`, which puts all errors together. `loosemarkers` places markers of the rig by
+pictures that show them with a board.
 """

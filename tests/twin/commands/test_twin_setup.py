@@ -2,7 +2,7 @@
 
 import shutil
 
-from benchmarks.tracking.own_film import BOARD, FILM_START, TAG_MM, write_recordings
+from benchmarks.tracking.own_film import BOARD, FILM_START, TAG_MM, write_recordings, write_rig
 
 import numpy as np
 import pytest
@@ -13,9 +13,10 @@ from twin.bodies.finger import FingerTable
 from twin.commands.init import film_config
 from twin.commands.print import run_print
 from twin.commands.setup import run_setup
-from twin.marktables import FrameTable
+from twin.inputs.looseframe import moved
+from twin.marktables import FrameTable, MarkerTable
 from twin.project.folder import Project
-from twin.project.framesheet import with_sheet
+from twin.project.framesheet import read_sheet, with_sheet
 from twin.project.toml import dump
 
 
@@ -29,6 +30,7 @@ def recorded(tmp_path_factory):
     run_print(Project.open(root), Lines(), frame="a4")
     sheet = with_sheet(config.model_copy(update={"frame": FrameTable(sheet="raw/frame.toml", finger="left")}), root)
     true = write_recordings(root / "raw", sheet.frame.markers, still=40)
+    write_rig(root / "raw" / "rig", sheet.frame.markers)
     (root / "twin.toml").unlink()
     shutil.rmtree(root / "runs")
     return root, true
@@ -67,10 +69,9 @@ def test_nothing_is_typed(folder, recorded):
     points = {point.marker: point for point in project.config.points}
     assert set(points) == set(recorded[1])  # role by motion; of the sheet none is taken for the finger
     assert (points[3].name, points[1].name) == ("tip", "middle")
-    for code, point in points.items():
+    for point in points.values():
         assert point.size_mm == pytest.approx(TAG_MM, rel=0.05)
-        if point.position_mm is not None:
-            np.testing.assert_allclose(point.position_mm, recorded[1][code], atol=0.3)
+        assert point.is_measured
     wanted = " ".join(result["wanted"])
     says(wanted, "ruler_mm", "model.finger")
     assert not [line for line in result["wanted"] if "No " in line]
@@ -93,12 +94,71 @@ def test_what_the_user_stated_stays_and_the_former_file_too(folder):
     files.write_text(folder / "twin.toml", text.replace('name = "p3"', 'name = "knuckle"'))
     assert run_setup(folder, Lines(), yes=True)["wanted"] == []
     config = Project.open(folder).config
+    assert config.frame.pictures is None  # a printed sheet needs none
     assert config.frame.ruler_mm == (249.5, 160.4)
     assert "knuckle" in [point.name for point in config.points]
     assert (folder / "twin-0002.toml").is_file()
 
 
+def test_loose_markers_are_measured_by_pictures_of_rig_and_board(folder, recorded):
+    printed = read_sheet(folder / "raw" / "frame.toml")
+    (folder / "raw" / "frame.toml").unlink()
+    told = Lines()
+    wanted = run_setup(folder, told, yes=True)["wanted"]
+    config = Project.open(folder).config
+    assert (config.frame.pictures, config.frame.finger) == ("raw/rig/*.png", "left")
+    assert config.cameras[0].boards == "raw/board/*.png"
+    assert any(line.startswith("axes") for line in wanted)
+    assert config.measure.scale_sd == 0.001  # the board's
+    apart(config, printed)
+    # two named markers are the axes; the former frame is kept
+    along = [m.marker for m in printed.markers if abs(m.place_mm[1] - printed.markers[0].place_mm[1]) < 1.0]
+    text = (folder / "twin.toml").read_text().replace("# axes = ...", f"axes = [{along[-1]}, {along[0]}]")
+    files.write_text(folder / "twin.toml", text)
+    run_setup(folder, Lines(), yes=True)
+    assert (folder / "raw" / "frame-0001.toml").is_file()
+    config = Project.open(folder).config
+    places = {m.marker: m.position_mm for m in config.frame.markers}
+    assert places[along[-1]][::2] == (0.0, 0.0)
+    assert places[along[0]][2] == pytest.approx(0.0, abs=1e-3)
+    assert places[along[0]][0] == pytest.approx(245.67, abs=0.15)
+    apart(config, printed)
+
+
+def apart(config, printed):
+    """The places are those of the sheet that was filmed, but for a shift and a turn."""
+    true = {m.marker: np.array(m.place_mm) * (-1.0, 1.0) for m in printed.markers}  # the finger points left
+    own = np.array([m.position_mm for m in config.frame.markers])[:, [0, 2]]
+    want = np.array([true[m.marker] for m in config.frame.markers])
+    away = own - moved(want, want, own)
+    sd = config.measure.frame_sd_mm
+    assert sd < 0.03
+    assert 0.5 < np.sqrt((away**2).sum() / (2 * len(own) - 3)) / sd < 1.5  # of 29 values
+
+
+def test_typed_places_are_checked_by_the_pictures(folder):
+    printed = read_sheet(folder / "raw" / "frame.toml")
+    (folder / "raw" / "frame.toml").unlink()
+    config = film_config("typed")
+    typed = tuple(
+        MarkerTable(name=f"R{m.marker}", marker=m.marker, role=m.role, size_mm=10.0,
+                    position_mm=(round(50.0 - m.place_mm[0], 1), 11.5, round(m.place_mm[1], 1)))
+        for m in printed.markers
+    )  # fmt: skip
+    x, y, z = typed[4].position_mm
+    typed = (*typed[:4], typed[4].model_copy(update={"position_mm": (x + 1.0, y, z)}), *typed[5:])
+    files.write_text(folder / "twin.toml", dump(config.model_copy(update={"frame": FrameTable(markers=typed)})))
+    wanted = run_setup(folder, Lines(), yes=True)["wanted"]
+    odd = [line for line in wanted if line.startswith("Marker ")]
+    assert len(odd) == 1
+    says(odd[0], typed[4].name, f"x = {x + 1.0:.2f}", f"x = {x:.1f}"[:-1], "pictures show")
+    places = {m.marker: m.position_mm for m in Project.open(folder).config.frame.markers}
+    for mark in printed.markers:
+        np.testing.assert_allclose(places[mark.marker][::2], (50.0 - mark.place_mm[0], mark.place_mm[1]), atol=0.15)
+
+
 def test_what_is_missing_is_said(folder):
+    shutil.rmtree(folder / "raw" / "rig")
     for name in ("static.mkv", "log.csv", "frame.toml"):
         (folder / "raw" / name).unlink()
     shutil.rmtree(folder / "raw" / "board")
