@@ -65,8 +65,8 @@ class FrameTable(TableModel):
             )
         if self.sheet is not None and self.markers:
             raise ValueError(
-                f"frame.sheet = {self.sheet!r} and [[frame.markers]] both say where the frame is: keep one "
-                "of them"
+                f"frame.sheet = {self.sheet!r} and [[frame.markers]] both say where the frame is: "
+                "keep one of them"
             )
         return self
 

@@ -13,6 +13,7 @@ from twin.project.cameratables import BoardTable
 from vision import Mark
 from vision.boards.charuco import CharucoBoard
 from vision.kinds import CodedMarker
+from vision.marks import codes_of
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]  # rvec, tvec
@@ -48,10 +49,15 @@ def rig(frame: Spots, fixed: Spots, *, size: float, y: float) -> tuple[Mark, ...
 
 def still_tables(marks: Sequence[Mark]) -> tuple[MarkerTable, ...]:
     """The tables [[frame.markers]] of twin.toml: of all tags that are not on the finger."""
+    still = [m for m in marks if m.role != "finger"]
+    codes = codes_of(still)
     return tuple(
-        MarkerTable(marker=m.kind.code, name=m.name, role=m.role, position_mm=m.position, size_mm=m.size_mm)
-        for m in marks if m.role != "finger"
-    )  # fmt: skip
+        MarkerTable.model_validate({
+            "marker": codes[k], "name": m.name, "role": m.role, "position_mm": m.position,
+            "size_mm": m.size_mm,
+        })
+        for k, m in enumerate(still)
+    )
 
 
 def board_table(board: CharucoBoard) -> BoardTable:

@@ -96,8 +96,8 @@ def said_of_log_rate(targets: Targets) -> tuple[str, ...]:
     return (
         f"The pressure log has a sample every {apart:.2g} s. At {lost} of {len(targets.time)} frames, where "
         f"the pressure turns between two samples, it leaves open more than {100 * OPEN:g} % of its range, up "
-        f"to {1e3 * float(targets.between.max()):.2g} kPa: these frames are not used. A faster log keeps "
-        "them.",
+        f"to {1e3 * float(targets.between.max()):.2g} kPa. These frames are not used: "
+        "a faster log would keep them.",
     )
 
 

@@ -76,7 +76,7 @@ def displacements(marks, time, *, seed=0):
     )  # fmt: skip
     return vision.Displacements(
         time=time, names=tuple(m.name for m in shown), roles=tuple(m.role for m in shown),
-        points=np.array([m.position for m in shown]), value=value, covariance=covariance,
+        points=np.array([m.position for m in shown]), measured=(False,) * len(shown), value=value, covariance=covariance,
         modes=0.001 * value[None], mode_names=("scale",), noise=noise, reference=np.arange(18),
         tracks=tracks, homography=np.tile(np.eye(3), (s, 1, 1)), lost=("tip is lost in 1 frame",),
         budget=budget({}, 0.001 * value[None], ("scale",), seen.any(axis=2)), remarks=(),

@@ -85,9 +85,11 @@ def test_a_wider_law_takes_the_place_of_the_narrow_one(base: Model) -> None:
     for e in all_effects():
         wider = e.wider()
         if wider is not None:
-            assert (wider.label, wider.wider()) == (f"{e.name}:2", None)
+            assert wider.label in (f"{e.name}:2", f"{e.name}:one")  # of one marker, in place of all
+            assert wider.wider() is None
             narrow = {p.name: 0.5 * (p.low + p.high) for p in e.parameters}
-            assert set(wider.start(narrow)) == {p.name for p in wider.parameters}
+            tried = {"marker_standoff.marker"}  # at every marker
+            assert set(wider.start(narrow)) == {p.name for p in wider.parameters} - tried
 
 
 def test_labels_name_effects_and_an_unknown_one_lists_them() -> None:

@@ -130,7 +130,7 @@ def test_a_smooth_misfit_is_seen_and_placed(course: Path) -> None:
     assert set(data) == {
         "chi2", "degrees_of_freedom", "p_value", "rms_mm", "raw_rms_mm", "expected_mm", "expected_low_mm", "expected_high_mm",
         "noise_sd_mm", "tests",
-        "adequate", "where", "beyond", "maps",
+        "adequate", "where", "beyond", "leans", "maps",
     }  # fmt: skip
     assert [row["name"] for row in data["maps"]["marker"]] == [*NAMES, "fixed0", "fixed1"]
     assert [row["name"] for row in data["maps"]["direction"]] == ["U1", "U3"]

@@ -150,7 +150,7 @@ def test_an_error_of_the_mesh_that_nothing_carries_is_carried_as_the_motion_is(d
     spring, theta = Spring(t), np.array([0.3, 5.0])
     noise = noise_of(t, spring.per_pressure(theta) * t.pressure_sd[:, None, None])
     for remainder, count in ((0.09 * noise, 0), (0.2 * noise, 1)):
-        spring.mesh = SimpleNamespace(remainder_mm=remainder, unknown="")
+        spring.mesh = SimpleNamespace(remainder_mm=remainder, unknown="", wall_names=(), wall_modes=slice(0, 0))
         found = ModelErrors.of(spring, theta, t).modes  # type: ignore[arg-type]
         assert len(found) == count
     used = t.valid & ~t.fixed[:, None]
