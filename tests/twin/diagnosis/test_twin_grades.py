@@ -127,7 +127,7 @@ def test_the_next_test_of_a_name_that_is_not_sure_is_the_one_that_would_refute_i
 
 
 def test_how_often_a_grade_was_right_is_as_the_table_of_trials_has_it() -> None:
-    table = json.loads((ROOT / "benchmarks" / "results" / "verdicts.json").read_text(encoding="utf-8"))
+    table = json.loads((ROOT / "benchmarks" / "results" / "identify.json").read_text(encoding="utf-8"))
     assert sum(table["commits"].values()) == table["trials"]  # each states the commit of its rule
     assert "" not in table["commits"]
     for grade, rate in RIGHT.items():
