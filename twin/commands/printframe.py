@@ -90,6 +90,7 @@ def _page(project: Project, table: CameraTable, sheet: SheetTable, laid: FramePa
         art = _art(project, table, mark.marker)
         draw_art(page, art, x - art.width / 2, y - art.height / 2)
     _draw_window(page, laid)
+    assert sheet.ruler_mm is not None  # what is printed has rulers
     (across, upright), foot = sheet.ruler_mm, height - MARGIN
     draw_ruler(page, MARGIN, foot - 10.0, across, upright=False)
     draw_ruler(page, width - MARGIN - 4.0, MARGIN, upright, upright=True)
