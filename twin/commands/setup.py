@@ -10,7 +10,7 @@ from twin import files
 from twin.bodies.kinds import BODIES
 from twin.commands.init import film_config
 from twin.inputs.foundrecordings import Recordings, Tags, first, pattern_of, recordings
-from twin.marktables import FrameTable, PointTable
+from twin.marktables import FrameTable, MarkerTable, PointTable
 from twin.messages import Say
 from twin.project.cameratables import CameraTable
 from twin.project.config import Config, usual_objective
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 SHEET = "raw/frame.toml"
+LEAST = 4  # markers whose places define a plane
 
 
 def run_setup(
@@ -60,6 +61,12 @@ def run_setup(
     if not yes:
         say("Nothing is written: add --yes.")
         return result
+    if found.film is not None and config.frame.sheet is None and len(config.frame.markers) < LEAST:
+        raise ValueError(
+            "nothing tells where the rig is, so twin.toml is not written: wanted a printed sheet beside the "
+            "finger (`twin print --frame a4`), 8 to 20 pictures of the rig's markers and the board together, "
+            "or [[frame.markers]] with position_mm"
+        )
     text = dump(config)
     parse(text.encode(), name=path.name)  # before anything is written
     if sheet is not None:
@@ -114,7 +121,8 @@ def _frame(
 ) -> tuple[FrameTable, SheetTable | None, bool, list[str]]:
     """[frame], its sheet, whether that is measured anew, and what is open: the printed sheet where there is
     one, else loose markers from pictures of the rig, else what is typed."""
-    frame, path = config.frame, root / SHEET
+    seen = tuple(mark for mark in _typed(config) if mark.marker in film.codes)
+    frame, path = config.frame.model_copy(update={"markers": seen}), root / SHEET
     sheet = read_sheet(path) if path.is_file() else None
     if found.rig and (sheet is None or sheet.ruler_mm is None):
         try:
@@ -127,13 +135,17 @@ def _frame(
         )  # fmt: skip
         return new, sheet, True, unclear
     if sheet is None:
-        seen = tuple(mark for mark in frame.markers if mark.marker in film.codes)
-        return frame.model_copy(update={"markers": seen}), None, False, []
+        return frame, None, False, []
     ruler = frame.ruler_mm if frame.sheet else None
     unclear = [] if ruler else ["ruler_mm under [frame]: measure both rulers of the sheet, across, upright."]
     stated = frame.y_mm if frame.sheet else None
     side = _side(film, sheet)
     return FrameTable(sheet=SHEET, ruler_mm=ruler, finger=side, y_mm=stated), sheet, False, unclear
+
+
+def _typed(config: Config) -> tuple[MarkerTable, ...]:
+    """The frame markers that somebody typed, none where they are the template's."""
+    return config.frame.markers if config.frame.markers != film_config("batch").frame.markers else ()
 
 
 def _loose(config: Config, found: Recordings, film: Tags) -> tuple[SheetTable, list[str]]:
@@ -142,8 +154,7 @@ def _loose(config: Config, found: Recordings, film: Tags) -> tuple[SheetTable, l
 
     assert found.board is not None  # the rig's pictures show it
     seen = measured(found.rig, found.board, film, found.dictionary)
-    typed = config.frame.markers if config.frame.markers != film_config("batch").frame.markers else ()
-    if typed:
+    if typed := _typed(config):
         sheet, odd = sheet_in_typed(
             seen, film, typed, sd_mm=config.measure.frame_sd_mm, along=_along(film, None)
         )
@@ -209,17 +220,22 @@ def _points(config: Config, film: Tags, own: "Sequence[int]", rig: Any) -> tuple
     """The finger's tags, named along it; those that twin.toml had keep what it says of them."""
     stated = config.points if config.points != film_config("batch").points else ()  # the template's
     former = {point.marker: point for point in stated if point.marker is not None}
-    if not own or len(rig) < 4:
+    if not own:
         return config.points
-    x = _places(film, own, {mark.marker: np.array(mark.position_mm)[[0, 2]] for mark in rig})[:, 0]
+    if len(rig) < LEAST:  # in px, from the tag that is nearest to the clamp
+        right = _along(film, None) * first(film.centre)[own][:, 0]
+        x, size = right - right.min(), np.full(len(own), np.nan)
+    else:
+        x = _places(film, own, {mark.marker: np.array(mark.position_mm)[[0, 2]] for mark in rig})[:, 0]
+        size = _sizes(film, own, rig)
     tip = int(np.argmax(x))
     middle = int(np.argmin(np.abs(x - 0.5 * x[tip])))
-    size = _sizes(film, own, rig)
     points = []
     for rank, k in enumerate(np.argsort(x)):
         name = "tip" if k == tip else "middle" if k == middle else f"p{rank + 1}"
         code = film.codes[own[k]]  # where it sits, `twin measure` measures
-        new = PointTable(name=name, marker=code, size_mm=round(float(size[k]), 2))
+        side = round(float(size[k]), 2) if np.isfinite(size[k]) else None
+        new = PointTable(name=name, marker=code, size_mm=side)
         points.append(former.get(code) or new)
     return tuple(points)
 

@@ -165,5 +165,11 @@ def test_what_is_missing_is_said(folder):
     wanted = "\n".join(run_setup(folder, Lines())["wanted"])
     says(wanted, "No static film", "film.mkv", "No pictures of a board", "No pressure log", "stand still",
          "printed sheet", "34, 35")  # fmt: skip
+    # Neither places of the template's rig nor its points stand for what the film shows.
+    with pytest.raises(ValueError, match="nothing tells where the rig is, so twin"):
+        run_setup(folder, say := Lines(), yes=True)
+    assert not (folder / "twin.toml").exists()
+    says("\n".join(say), "Points on the finger: ")
+    assert "tip (id 0)" not in "\n".join(say)
     with pytest.raises(ValueError, match="no such folder"):
         run_setup(folder / "elsewhere", Lines())
