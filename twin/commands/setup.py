@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 SHEET = "raw/frame.toml"
-LEAST = 4  # markers whose places define a plane
 
 
 def run_setup(
@@ -34,6 +33,8 @@ def run_setup(
 ) -> dict[str, Any]:
     """twin.toml with what a folder of recordings shows; what it cannot decide is said. A former one keeps
     its [model] and all that no recording tells, and is kept as twin-0001.toml."""
+    from vision.plane import MIN_VISIBLE
+
     root = folder.resolve()
     if not root.is_dir():
         raise ValueError(f"{folder}: no such folder; wanted the one with the recordings")
@@ -61,7 +62,7 @@ def run_setup(
     if not yes:
         say("Nothing is written: add --yes.")
         return result
-    if found.film is not None and config.frame.sheet is None and len(config.frame.markers) < LEAST:
+    if found.film is not None and config.frame.sheet is None and len(config.frame.markers) < MIN_VISIBLE:
         raise ValueError(
             "nothing tells where the rig is, so twin.toml is not written: wanted a printed sheet beside the "
             "finger (`twin print --frame a4`), 8 to 20 pictures of the rig's markers and the board together, "
@@ -218,11 +219,13 @@ def _places(film: Tags, own: "Sequence[int]", places: dict[int, Any]) -> Array:
 
 def _points(config: Config, film: Tags, own: "Sequence[int]", rig: Any) -> tuple[PointTable, ...]:
     """The finger's tags, named along it; those that twin.toml had keep what it says of them."""
+    from vision.plane import MIN_VISIBLE
+
     stated = config.points if config.points != film_config("batch").points else ()  # the template's
     former = {point.marker: point for point in stated if point.marker is not None}
     if not own:
         return config.points
-    if len(rig) < LEAST:  # in px, from the tag that is nearest to the clamp
+    if len(rig) < MIN_VISIBLE:  # in px, from the tag that is nearest to the clamp
         right = _along(film, None) * first(film.centre)[own][:, 0]
         x, size = right - right.min(), np.full(len(own), np.nan)
     else:

@@ -14,7 +14,7 @@ TIME = np.arange(0.0, 4.01, 0.1)
 @pytest.mark.parametrize("corner", [1.02, 1.05, 1.09])
 def test_sd_between_samples_is_the_error_at_a_corner(corner: float) -> None:
     course = lambda t: 8.0 * np.clip(t - corner, 0.0, None)  # noqa: E731
-    at = np.array([0.55, 1.0, corner, 1.1, 2.35])
+    at = np.array([0.55, 1.0, corner, 1.06, 1.1, 2.35])
     sd = between_samples(TIME, course(TIME), at)
     error = np.abs(np.interp(at, TIME, course(TIME)) - course(at))
     assert error[2] > 0.05
