@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ np.seterr(all="raise")
 ROOT = Path(__file__).resolve().parents[1]
 HINTS = {
     "chromium": "Chromium is not installed (apt package chromium)",
+    "nicegui": "NiceGUI is not installed (pip install nicegui)",
     "ccx": "CalculiX is not installed (apt package calculix-ccx)",
     "pdftotext": "poppler is not installed (apt package poppler-utils)",
     "pdftoppm": "poppler is not installed (apt package poppler-utils)",
@@ -70,6 +72,7 @@ def _probe_egl() -> bool:
 
 PROBES = {
     "chromium": lambda: shutil.which("chromium") is not None,
+    "nicegui": lambda: find_spec("nicegui") is not None,
     "ccx": lambda: shutil.which("ccx") is not None,
     "pdftoppm": lambda: shutil.which("pdftoppm") is not None,
     "pdftotext": lambda: shutil.which("pdftotext") is not None,

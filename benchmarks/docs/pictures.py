@@ -9,6 +9,7 @@
     effects  effects/<name>.png, one an effect    a finger of three bellows on a coarse mesh, two minutes
     nodes    nodes.png                            the built-in finger
     frame    frame.png                            `twin print --frame a4` (needs poppler)
+    setup    setup.jpg                            `twin setup` (needs chromium and nicegui)
     look     look.png                             `twin look` of a finger with other dimensions
     read     read.png                             `twin look` of a deck of two parts, a second
     explore  explore.png                          `twin explore` as docs/exploring.md has it, two minutes
@@ -25,6 +26,7 @@ rig.svg are made by hand.
 import argparse
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -54,6 +56,7 @@ from scipy.spatial import ConvexHull
 from fe import Finger, Lattice, Material, finger_case, solve
 from fe import Path as Course
 from fe.element import triangles
+from tests.browser import Browser
 from twin.drawing.meshpictures import as_read
 from twin.drawing.touchplot import draw_touch
 from twin.effects.library import all_effects
@@ -358,6 +361,29 @@ def frame(demo: Path) -> None:
         subprocess.run(["pdftoppm", "-r", "72", "-png", "-gray", "-singlefile", sheet, drawn_to], check=True)
 
 
+def setup(demo: Path) -> None:
+    """The page of `twin setup`, once its check has run."""
+    del demo
+    twin = [sys.executable, "-c", "from twin.cli import main; main()"]
+    with tempfile.TemporaryDirectory() as folder:
+        root, port = Path(folder) / "my-batch", str(_free_port())
+        shutil.copytree(ROOT / "datasets" / "quick", root)
+        command = [*twin, "setup", str(root), "--port", port]
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        try:
+            assert server.stdout is not None
+            while "Open http" not in (line := server.stdout.readline()):
+                assert line, "the page is not served"
+            with Browser(Path(folder) / "profile", width=1400, height=1160) as browser:
+                browser.open(f"http://127.0.0.1:{port}")
+                browser.until("Once it is written")
+                picture = cv2.cvtColor(browser.photograph(), cv2.COLOR_RGB2BGR)
+        finally:
+            server.send_signal(signal.SIGINT)
+            server.communicate(timeout=60)
+        cv2.imwrite(str(TO / "setup.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 80])
+
+
 def contact(demo: Path) -> None:
     """What `twin predict --object` draws, but for the interval, of the built-in finger with nominal
     constants."""
@@ -418,7 +444,7 @@ def _outline(points: Array) -> Array:
 PICTURES: dict[str, Callable[[Path], None]] = {
     "review": review, "overlay": overlay, "report": report, "effects": effects, "nodes": nodes,
     "look": look, "read": read, "explore": explore, "pareto": pareto, "protocols": protocols,
-    "contact": contact, "frame": frame,
+    "contact": contact, "frame": frame, "setup": setup,
 }  # fmt: skip
 
 

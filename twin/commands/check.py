@@ -28,8 +28,11 @@ def run_check(project: Project, say: Say) -> dict[str, Any]:
     return {"stage": "check", "status": "done", "next": step}
 
 
-def check_project(project: Project, say: Say) -> None:
-    """Say what is known of a project and its files; ValueError at the first thing that is wrong."""
+def check_project(project: Project, say: Say, *, draws: bool = True) -> None:
+    """Say what is known of a project and its files; ValueError at the first thing that is wrong.
+
+    draws: with check.png, the first picture of each film, which is all that is written.
+    """
     say(f"twin.toml is right. Points: {', '.join(point.name for point in project.config.points)}. "
         f"Effects: {', '.join(project.config.model.effects) or 'none'}.")  # fmt: skip
     for sentence in (*project.remarks, *filter(None, [said_of_sheet(project.config)])):
@@ -50,7 +53,7 @@ def check_project(project: Project, say: Say) -> None:
     camera_remark = camera_kept(project)
     if camera_remark:
         say(camera_remark)
-    _check_recorded(project, say)
+    _check_recorded(project, say, draws=draws)
     if project.targets_folder.is_dir():
         targets = project.targets()
         _check_points(project, targets)
@@ -76,7 +79,7 @@ def _check_engine(project: Project, say: Say) -> None:
         say(f"{jobs.release} solves the model.")
 
 
-def _check_recorded(project: Project, say: Say) -> None:
+def _check_recorded(project: Project, say: Say, *, draws: bool) -> None:
     """Say what was read of the pressure log and seen in films that are not measured yet; ValueError where
     they are not right, or the log is shorter than the film."""
     pressure = project.config.pressure
@@ -86,9 +89,9 @@ def _check_recorded(project: Project, say: Say) -> None:
         return
     films = films_of(project)
     for film in films:
-        _check_one(film.project, say, before=f"Film {film.name}: ", after=_said_of(film))
+        _check_one(film.project, say, before=f"Film {film.name}: ", after=_said_of(film), draws=draws)
     if not films:
-        _check_one(project, say)
+        _check_one(project, say, draws=draws)
 
 
 def _said_of(film: OneFilm) -> str:
@@ -97,7 +100,7 @@ def _said_of(film: OneFilm) -> str:
     return turned + (" It is held out: predicted, never fitted." if film.table.held_out else "")
 
 
-def _check_one(project: Project, say: Say, *, before: str = "", after: str = "") -> None:
+def _check_one(project: Project, say: Say, *, draws: bool, before: str = "", after: str = "") -> None:
     """Say what was read of the log of the project's one film, and seen in that."""
     from twin.inputs.filmcheck import check_films
 
@@ -105,7 +108,7 @@ def _check_one(project: Project, say: Say, *, before: str = "", after: str = "")
     say(f"{before}{read}{after}")
     for sentence in odd:
         say(sentence)
-    check_films(project, log, say)
+    check_films(project, log, say, draws=draws)
 
 
 def _log_line(project: Project) -> tuple[Log, str, tuple[str, ...]]:

@@ -1,10 +1,13 @@
 """The table [pressure] of twin.toml: the pressure log, its gauge, and its clock."""
 
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from twin.tablemodel import Finite, Positive, RelativePath, TableModel
+
+if TYPE_CHECKING:
+    from twin.gauge.logcolumns import LogFormat
 
 
 class PressureTable(TableModel):
@@ -44,6 +47,17 @@ class PressureTable(TableModel):
         default=None,
         description="time of the lamp on the clock of the log, s; else the log's column flash",
     )
+
+    @property
+    def form(self) -> "LogFormat":
+        """How the log is to be read."""
+        from twin.gauge.logcolumns import LogFormat
+        from twin.gauge.pressureunits import Line
+
+        line = None
+        if self.volt_zero is not None and self.MPa_per_V is not None:
+            line = Line(self.volt_zero, self.MPa_per_V)
+        return LogFormat(self.column, self.unit, line, self.top_kPa)
 
     @model_validator(mode="after")
     def _joined(self) -> Self:

@@ -53,7 +53,7 @@ class _Look:
         return [p for p, mark in enumerate(self.marks) if mark.role == "finger"]
 
 
-def check_films(project: Project, log: Log, say: Say) -> None:
+def check_films(project: Project, log: Log, say: Say, *, draws: bool = True) -> None:
     """Say what a few frames of the films show, and draw the first with every mark circled (check.png).
 
     Raises ValueError at the first thing for which `twin camera` or `twin measure` would refuse them.
@@ -67,7 +67,8 @@ def check_films(project: Project, log: Log, say: Say) -> None:
             for f in (table.film, table.static)
         )
         picture = "check.png" if len(project.config.cameras) == 1 else f"check-{table.name}.png"
-        _draw(project, table, marks, film, picture, say)
+        if draws:
+            _draw(project, table, marks, film, picture, say)
         corrections_of(project, table)  # names the line that is not right
         look = _Look(project, table, marks, lens_of(project, table), film, static)
         for sentence in (*film.issues, *static.issues, *_findings(look, log)):

@@ -1,7 +1,7 @@
 """What lies in a folder of recordings: which film is the test, which tags move, the board, and the log."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.gauge.logcolumns import LogFormat
 from twin.gauge.onset import whole_film
 from twin.gauge.pressurelog import Log, read_log
 from twin.gauge.synchrony import Motion
@@ -58,6 +59,18 @@ class Tags:
             return np.zeros(0, bool)
         return np.asarray(self.reach > max(MOVES_PX, TIMES * float(np.quantile(self.reach, 0.25))))
 
+    @cached_property
+    def near(self) -> NDArray[np.bool_]:
+        """Mask (n,) of the tags that move a little and lie on the line of those that move: near the clamp."""
+        sides = np.linalg.norm(first(self.quads[:, :, 1]) - first(self.quads[:, :, 0]), axis=1)
+        places = first(self.centre)
+        if self.moves.sum() < 2:
+            return np.zeros(len(self.codes), bool)
+        middle = places[self.moves].mean(axis=0)
+        across = np.linalg.svd(places[self.moves] - middle)[2][1]
+        little = self.reach > TIMES * float(np.quantile(self.reach, 0.25))
+        return np.asarray(little & ~self.moves & (np.abs((places - middle) @ across) < sides))
+
     @property
     def still(self) -> set[int]:
         """Ids of the tags that stand still."""
@@ -87,15 +100,26 @@ class Recordings:
     log: Log | None = None
     dictionary: str = "DICT_4X4_50"
     start_s: float | None = None  # of the film on the log's clock
-    open: tuple[str, ...] = field(default=())  # sentences on what is missing or unclear
+    tables: tuple[Path, ...] = ()  # files that may be a log
+    missing: tuple[str, ...] = ()  # sentences on recordings that are not there
+    of_log: tuple[str, ...] = ()  # on the log, where it is unclear
+    of_clock: tuple[str, ...] = ()  # on when the film starts, where that is unclear
+
+    @property
+    def open(self) -> tuple[str, ...]:
+        """Sentences on what is missing or unclear."""
+        return (*self.missing, *self.of_log, *self.of_clock)
 
 
-def recordings(root: Path, *, dictionary: str, board: BoardTable) -> Recordings:
-    """What lies in a folder.   dictionary, board: what twin.toml or the template states; tried first."""
+def recordings(
+    root: Path, *, dictionary: str, board: BoardTable, form: LogFormat | None = None
+) -> Recordings:
+    """What lies in a folder.   dictionary, board: what twin.toml or the template states; tried first.   form:
+    how its log is to be read."""
     videos, pictures, tables = _files(root)
     if not videos:
         none = f"No film: wanted one of {', '.join(FILMS)} in {root}."
-        return Recordings(dictionary=dictionary, open=(none,))
+        return Recordings(dictionary=dictionary, missing=(none,))
     dictionary = _dictionary(videos, dictionary)
     with_board = list(_boards(pictures, videos, board, dictionary))
     looks = [_tags(path, dictionary) for path in videos if path not in [group for group, _ in with_board]]
@@ -103,13 +127,17 @@ def recordings(root: Path, *, dictionary: str, board: BoardTable) -> Recordings:
     film = max(tests, key=lambda t: float(t.reach.max()), default=None)
     still = [t for t in looks if t is not film and t.codes and not t.moves.any()]
     static = max(still, key=lambda t: t.frames, default=None)
-    log, unclear = _log(tables)
+    log, unclear = _log(tables, form)
     fixed = film.still if film else set()
-    rigs = [g for g, _ in with_board if not isinstance(g, Path) and _shows(g, fixed, dictionary)]
+    rigs = [g for g, table in with_board if not isinstance(g, Path)
+            and _shows(g, fixed - _ids_of_board(table, dictionary), dictionary)]  # fmt: skip
     alone = [pair for pair in with_board if pair[0] not in rigs] or with_board
     boards, of_board = (pattern_of(root, alone[0][0]), alone[0][1]) if alone else (None, None)
-    found = Recordings(film, static, boards, tuple(*rigs[:1]), of_board, log, dictionary, open=unclear)
-    return _with_clock(replace(found, open=(*_missing(found, videos), *found.open)))
+    found = Recordings(
+        film, static, boards, tuple(*rigs[:1]), of_board, log, dictionary, tables=tuple(tables),
+        of_log=unclear,
+    )  # fmt: skip
+    return with_clock(replace(found, missing=tuple(_missing(found, videos))))
 
 
 def _files(root: Path) -> tuple[list[Path], list[list[Path]], list[Path]]:
@@ -205,6 +233,12 @@ def _boards(
                 break
 
 
+def _ids_of_board(table: BoardTable, dictionary: str) -> set[int]:
+    """Ids that the board's own markers have in the dictionary of the tags."""
+    own = table.kind == "charuco" and table.dictionary == dictionary
+    return set(range(table.columns * table.rows // 2)) if own else set()
+
+
 def _shows(group: Sequence[Path], codes: set[int], dictionary: str) -> bool:
     """True where most of some pictures show four or more of the tags."""
     from vision.film.series import bits_of_pictures, read_picture
@@ -258,12 +292,12 @@ def _white(columns: int) -> Array:
 # -- the log and the clock -----------------------------------------------------------------------------------
 
 
-def _log(tables: Sequence[Path]) -> tuple[Log | None, tuple[str, ...]]:
+def _log(tables: Sequence[Path], form: LogFormat | None) -> tuple[Log | None, tuple[str, ...]]:
     """The one table that is a pressure log, and sentences where there is none or are several."""
     logs, refused = [], []
     for path in tables:
         try:
-            logs.append(read_log(path, time_shift_s=0.0))
+            logs.append(read_log(path, time_shift_s=0.0, form=form))
         except ValueError as error:
             refused.append(str(error))
     if len(logs) == 1:
@@ -277,14 +311,15 @@ def _log(tables: Sequence[Path]) -> tuple[Log | None, tuple[str, ...]]:
     return longest, (f"{names} are logs: {longest.path.name}, with the largest range, is taken.",)
 
 
-def _with_clock(found: Recordings) -> Recordings:
+def with_clock(found: Recordings) -> Recordings:
     """With the start of the film on the log's clock, by its motion."""
     if found.film is None or found.log is None:
         return found
     try:
-        return replace(found, start_s=whole_film(found.film.motion(), found.log))
+        return replace(found, start_s=whole_film(found.film.motion(), found.log), of_clock=())
     except ValueError as error:
-        return replace(found, open=(*found.open, f"When the film starts on the clock of the log: {error}."))
+        unclear = f"When the film starts on the clock of the log: {error}."
+        return replace(found, start_s=None, of_clock=(unclear,))
 
 
 def _missing(found: Recordings, videos: Sequence[Path]) -> Iterator[str]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from twin.csvtable import Table, read_sheet
 from twin.formats.importtable import ImportTable
-from twin.gauge.logcolumns import LogFormat
 from twin.gauge.pressurelog import (
     GaugeNoise,
     Log,
@@ -21,7 +20,6 @@ from twin.gauge.pressurelog import (
     rest_remark,
 )
 from twin.gauge.pressuretable import PressureTable
-from twin.gauge.pressureunits import Line
 from twin.inputs.cameras import camera_table, dictionary_files, stored_cameras, stored_rig
 from twin.marktables import MarkTable, PointTable, PoseTable
 from twin.messages import Say
@@ -45,11 +43,7 @@ def pressure_table(project: Project) -> PressureTable:
 
 def log_of(project: Project, pressure: PressureTable) -> Log:
     """The pressure log, as [pressure] of twin.toml says it is to be read. ValueError where it is unclear."""
-    line = None
-    if pressure.volt_zero is not None and pressure.MPa_per_V is not None:
-        line = Line(pressure.volt_zero, pressure.MPa_per_V)
-    form = LogFormat(pressure.column, pressure.unit, line, pressure.top_kPa)
-    return read_log(project.path(pressure.file), time_shift_s=pressure.time_shift_s, form=form)
+    return read_log(project.path(pressure.file), time_shift_s=pressure.time_shift_s, form=pressure.form)
 
 
 def measure_inputs(project: Project, camera: Path) -> dict[str, Any]:

@@ -77,10 +77,14 @@ def with_sheet(config: Config, folder: Path) -> Config:
 
     The error of the printer's scale is what the rulers tell; where nobody measured them, `UNMEASURED`.
     """
-    frame, measure = config.frame, config.measure
-    if frame.sheet is None:
+    if config.frame.sheet is None:
         return config
-    sheet = read_sheet(folder / frame.sheet)
+    return on_sheet(config, read_sheet(folder / config.frame.sheet))
+
+
+def on_sheet(config: Config, sheet: SheetTable) -> Config:
+    """The configuration with the markers of a sheet."""
+    frame, measure = config.frame, config.measure
     known = frame.ruler_mm or sheet.ruler_mm is None  # of loose markers the board tells it
     scale = measure.scale_sd if known else float((measure.scale_sd**2 + UNMEASURED**2) ** 0.5)
     update = {"frame_sd_mm": sheet.sd_mm, "scale_sd": scale}

@@ -1,15 +1,22 @@
 """twin setup: a folder with film, board pictures and log becomes a twin.toml that can be measured."""
 
+import os
+import re
 import shutil
+import signal
+import subprocess
+import sys
 
 from benchmarks.tracking.own_film import BOARD, FILM_START, TAG_MM, write_recordings, write_rig
 
 import numpy as np
 import pytest
 
+from tests.browser import WAIT_S, Browser, answers, own_address
 from tests.messages import Lines, says
 from twin import files
 from twin.bodies.finger import FingerTable
+from twin.commands import setup
 from twin.commands.init import film_config
 from twin.commands.print import run_print
 from twin.commands.setup import run_setup
@@ -48,12 +55,13 @@ def listing(root):
     return {p.relative_to(root): p.stat().st_mtime_ns for p in root.rglob("*")}
 
 
-def test_nothing_is_typed(folder, recorded):
+def test_nothing_is_typed(folder, recorded, monkeypatch):
     before = listing(folder)
     told = Lines()
+    monkeypatch.setattr(setup, "find_spec", lambda name: None)  # without the library of the page the words remain
     run_setup(folder, told)
     assert listing(folder) == before  # without --yes nothing is written
-    says(told[-1], "--yes")
+    says(told[-1], "Nothing is written", "--yes", "pip install nicegui")
     result = run_setup(folder, told, yes=True)
     written = listing(folder)
     assert {k for k in written if written[k] != before.get(k)} <= {*map(type(folder), ["twin.toml", "."])}
@@ -97,7 +105,7 @@ def test_what_the_user_stated_stays_and_the_former_file_too(folder):
     assert config.frame.pictures is None  # a printed sheet needs none
     assert config.frame.ruler_mm == (249.5, 160.4)
     assert "knuckle" in [point.name for point in config.points]
-    assert (folder / "twin-0002.toml").is_file()
+    assert not (folder / "twin-0002.toml").exists()  # it says the same
 
 
 def test_loose_markers_are_measured_by_pictures_of_rig_and_board(folder, recorded):
@@ -162,7 +170,8 @@ def test_what_is_missing_is_said(folder):
     for name in ("static.mkv", "log.csv", "frame.toml"):
         (folder / "raw" / name).unlink()
     shutil.rmtree(folder / "raw" / "board")
-    wanted = "\n".join(run_setup(folder, Lines())["wanted"])
+    wanted = "\n".join(run_setup(folder, told := Lines(), dry_run=True)["wanted"])
+    says(told[-1], "Nothing is written", "--yes", "--dry-run")
     says(wanted, "No static film", "film.mkv", "No pictures of a board", "No pressure log", "stand still",
          "printed sheet", "34, 35")  # fmt: skip
     # Neither places of the template's rig nor its points stand for what the film shows.
@@ -173,3 +182,71 @@ def test_what_is_missing_is_said(folder):
     assert "tip (id 0)" not in "\n".join(say)
     with pytest.raises(ValueError, match="no such folder"):
         run_setup(folder / "elsewhere", Lines())
+
+
+def test_a_folder_without_film_has_no_page(require, tmp_path):
+    require("nicegui")
+    with pytest.raises(ValueError, match="there is nothing to show: No film"):
+        run_setup(tmp_path, Lines())
+
+
+# -- the page ------------------------------------------------------------------------------------------------
+
+LONG_S = 240.0  # for the check, beside other tests: 8 s on two idle cores
+PICTURE = "[...document.querySelectorAll('img')].find(i => i.naturalWidth === 800 && i.width > 400)"
+
+
+@pytest.fixture
+def served(folder):
+    """Address of the page of the folder, and the process that serves it."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    command = [sys.executable, "-c", "from twin.main import start; start()", "setup", str(folder)]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment)
+    said = ""
+    while not (address := re.search(r"http://[0-9.:]+", said)):
+        line = child.stdout.readline()
+        assert line, said
+        said += line
+    yield address[0], child
+    child.kill()
+    child.wait()
+    child.stdout.close()
+
+
+def test_the_page_in_a_browser(require, folder, served, tmp_path):
+    require("nicegui")
+    require("chromium")
+    url, child = served
+    port = int(url.rpartition(":")[2])
+    if (other := own_address()) not in (None, "127.0.0.1"):
+        assert not answers(port, other)
+    before = listing(folder)
+    with Browser(tmp_path / "profile", width=1500, height=1300) as browser:
+        browser.open(url)
+        page = browser.until("Once it is written", "10 frame", "6 fixed", "4 finger", "not written yet", wait_s=LONG_S)
+        says(page, "ruler_mm under [frame]", "The film starts at 34", "0 to 30 kPa", "film.mkv, 66 frames")
+        x, y, width, _ = browser.value(f"(({{x, y, width, height}}) => [x, y, width, height])({PICTURE}.getBoundingClientRect())")
+
+        def at(px, py):
+            return x + px * width / 800, y + py * width / 800
+
+        browser.drag(at(764, 172), at(764, 172))  # a click on a tag of the rig
+        browser.until("Tag 40 is")
+        browser.press("ignore")
+        browser.drag(at(640, 118), at(610, 133))  # the outline, at the clamp: 30 px to the left, 15 down
+        browser.until("back to 0")
+        browser.until("5 fixed ones", "Once it is written", wait_s=LONG_S)  # the check has run again
+        assert listing(folder) == before  # nothing is written until it is asked for
+        browser.press("Write twin.toml")
+        browser.until("twin.toml is written")
+    child.send_signal(signal.SIGINT)
+    said, _ = child.communicate(timeout=WAIT_S)
+    assert child.returncode == 0
+    says(said, "Wrote twin.toml", "frame.toml is kept as frame-0001.toml", "twin.toml has all that the page showed")
+    assert "Traceback" not in said
+    written = {k for k, v in listing(folder).items() if v != before.get(k)}
+    assert {str(k) for k in written} == {".", "raw", "twin.toml", "raw/frame.toml", "raw/frame-0001.toml"}
+    project = Project.open(folder)
+    assert 40 not in [m.marker for m in project.config.frame.markers]
+    pose = project.config.pose
+    assert (pose.x_mm, pose.z_mm) == pytest.approx((10.0, -5.0), abs=0.6)  # the finger points to the left

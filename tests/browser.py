@@ -1,0 +1,138 @@
+"""Headless Chromium, told what to do through its debugging pipe."""
+
+import base64
+import json
+import os
+import select
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+WAIT_S = 60.0
+FLAGS = ("--headless", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
+         "--enable-unsafe-swiftshader", "--hide-scrollbars", "--no-first-run",
+         "--disable-background-networking", "--disable-component-update", "--disable-sync",
+         "--remote-debugging-pipe")  # fmt: skip
+
+
+def two_ports() -> list[int]:
+    """Two ports of this machine that are free."""
+    with socket.socket() as a, socket.socket() as b:
+        for probe in (a, b):
+            probe.bind(("127.0.0.1", 0))
+        return [probe.getsockname()[1] for probe in (a, b)]
+
+
+def answers(port: int, host: str) -> bool:
+    """Whether something listens there."""
+    with socket.socket() as probe:
+        probe.settimeout(1.0)
+        return probe.connect_ex((host, port)) == 0
+
+
+def own_address() -> str | None:
+    """An address of this machine that others see, None without a network; nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+        except OSError:
+            return None
+        return str(probe.getsockname()[0])
+
+
+class Browser:
+    """Headless Chromium, told what to do through its debugging pipe: JSON messages that end with a zero."""
+
+    def __init__(self, profile: Path, *, width: int = 1000, height: int = 700) -> None:
+        to_browser, self._out = os.pipe()
+        self._in, from_browser = os.pipe()
+        command = [str(shutil.which("chromium")), *FLAGS, f"--window-size={width},{height}",
+                   f"--user-data-dir={profile}", "about:blank"]  # fmt: skip
+        # the browser reads its file 3 and writes its file 4
+        wired = ["bash", "-c", f'exec 3<&{to_browser} 4>&{from_browser}; exec "$@"', "bash", *command]
+        self._child = subprocess.Popen(wired, pass_fds=(to_browser, from_browser), start_new_session=True,
+                                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+        os.close(to_browser)
+        os.close(from_browser)
+        self._asked = 0
+        self._read = b""
+        self._session: dict[str, str] = {}
+
+    def __enter__(self) -> "Browser":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.killpg(self._child.pid, signal.SIGKILL)
+        self._child.wait(timeout=WAIT_S)
+        os.close(self._out)
+        os.close(self._in)
+
+    def ask(self, method: str, **params: object) -> dict[str, object]:
+        """The result of one method of the Chrome DevTools Protocol; events on the way are passed over."""
+        self._asked += 1
+        message = {"id": self._asked, "method": method, "params": params, **self._session}
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        end = time.monotonic() + WAIT_S
+        while True:
+            while b"\0" not in self._read:
+                assert select.select([self._in], [], [], max(0.0, end - time.monotonic()))[0], f"no answer to {method}"
+                read = os.read(self._in, 1 << 20)
+                assert read, f"the browser ended before it answered {method}"
+                self._read += read
+            answer, self._read = self._read.split(b"\0", 1)
+            told = json.loads(answer)
+            if told.get("id") == self._asked:
+                return dict(told.get("result", {}))  # none: refused, as a picture of a page that is being opened
+
+    def open(self, url: str) -> None:
+        """Open a page."""
+        target = self.ask("Target.createTarget", url=url)["targetId"]
+        self._session = {"sessionId": str(self.ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"])}
+
+    def value(self, script: str) -> object:
+        """What an expression of JavaScript gives on the page."""
+        result = self.ask("Runtime.evaluate", expression=script, returnByValue=True).get("result", {})
+        return result.get("value") if isinstance(result, dict) else None
+
+    def text(self) -> str:
+        """The words that the page shows."""
+        return str(self.value("document.body.innerText"))
+
+    def until(self, *words: str, wait_s: float = WAIT_S) -> str:
+        """The page's words once all of these are among them."""
+        end = time.monotonic() + wait_s
+        while not all(word in (shown := self.text()) for word in words):
+            assert time.monotonic() < end, f"the page does not show {words}, but {shown!r}"
+            time.sleep(0.1)
+        return shown
+
+    def mouse(self, kind: str, x: float, y: float) -> None:
+        """One event of the left button: mousePressed, mouseMoved, mouseReleased."""
+        held = 0 if kind == "mouseReleased" else 1
+        self.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=held, clickCount=1)
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float], *, steps: int = 5) -> None:
+        """Press, move, let go: at one place, a click."""
+        self.mouse("mousePressed", *start)
+        for share in np.linspace(0.0, 1.0, steps + 1)[1:] if start != end else ():
+            self.mouse("mouseMoved", *(a + share * (b - a) for a, b in zip(start, end)))
+        self.mouse("mouseReleased", *end)
+
+    def press(self, text: str) -> None:
+        """Click the button with this text."""
+        script = (f"(() => {{ const b = [...document.querySelectorAll('button')].find(b => b.innerText.trim() === {json.dumps(text)});"
+                  " if (!b) return false; b.click(); return true; })()")  # fmt: skip
+        assert self.value(script), f"no button {text!r}"
+
+    def photograph(self) -> np.ndarray:
+        """What the page shows now (h, w, 3), RGB; one black pixel while it shows nothing yet."""
+        png = self.ask("Page.captureScreenshot", format="png").get("data")
+        if png is None:
+            return np.zeros((1, 1, 3), np.uint8)
+        return cv2.imdecode(np.frombuffer(base64.b64decode(str(png)), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
