@@ -126,7 +126,7 @@ class Browser:
 
     def press(self, text: str) -> None:
         """Click the button with this text."""
-        script = (f"(() => {{ const b = [...document.querySelectorAll('button')].find(b => b.innerText.trim() === {json.dumps(text)});"
+        script = (f"(() => {{ const b = [...document.querySelectorAll('button')].find(b => b.innerText.trim().split('\\n').pop() === {json.dumps(text)});"
                   " if (!b) return false; b.click(); return true; })()")  # fmt: skip
         assert self.value(script), f"no button {text!r}"
 

@@ -10,10 +10,10 @@ import numpy as np
 from twin.gauge.synchrony import LagFit
 from twin.inputs.foundrecordings import Tags
 from twin.messages import Lines
-from twin.setup.draft import Draft, Role, with_role
+from twin.setup.draft import Role, SetupDraft, with_role
 from twin.setup.outline import (
     Drag,
-    Sight,
+    PlaneView,
     contour_of,
     dragged,
     handle_at,
@@ -38,7 +38,7 @@ NEAR = 1.6  # units of the picture: within which a handle is taken
 class Desk:
     """A draft on the page. Everything but `draft`, `camera` and what the mouse holds follows from them."""
 
-    draft: Draft
+    draft: SetupDraft
     width: int  # px of the film's pictures
     proposal: Proposal
     contour: Array | None = field(default=None, compare=False)  # (n,2) mm, in the body's axes
@@ -48,7 +48,7 @@ class Desk:
     fault: str = ""  # why the last step was not done
 
     @property
-    def sight(self) -> Sight | None:
+    def sight(self) -> PlaneView | None:
         """How the picture shows the plane of the frame."""
         return sight_of(self.proposal, self.camera)
 
@@ -70,12 +70,12 @@ class Desk:
         return drawn + tags
 
 
-def desk_of(draft: Draft, *, width: int) -> Desk:
+def desk_of(draft: SetupDraft, *, width: int) -> Desk:
     """The desk with a draft on it."""
     return _with_contour(Desk(draft=draft, width=width, proposal=proposed(draft)))
 
 
-def changed(desk: Desk, step: Callable[[Draft], Draft]) -> Desk:
+def changed(desk: Desk, step: Callable[[SetupDraft], SetupDraft]) -> Desk:
     """The desk after a step; as it was, with the reason, where the step cannot be."""
     try:
         draft = step(desk.draft)
@@ -109,7 +109,7 @@ def pressed(desk: Desk, pixel: Array) -> Desk:
     return replace(desk, selected=tag, fault="")
 
 
-def _inside(desk: Desk, sight: Sight, pixel: Array) -> bool:
+def _inside(desk: Desk, sight: PlaneView, pixel: Array) -> bool:
     """Whether a pixel (2,) lies on the outline's face."""
     import cv2
 
@@ -195,7 +195,7 @@ def course_of(film: Tags) -> tuple[Array, Array]:
     return motion.time, motion.mm
 
 
-def explained_at(draft: Draft, start_s: float) -> float | None:
+def explained_at(draft: SetupDraft, start_s: float) -> float | None:
     """Share of the finger's motion that the pressure explains where the film starts at a time of the log;
     None without either."""
     found = draft.found

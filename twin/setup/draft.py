@@ -27,7 +27,7 @@ BY_EYE_S = 0.05  # sd of a film's start that somebody has shifted by eye
 
 
 @dataclass(frozen=True, kw_only=True)
-class Draft:
+class SetupDraft:
     """What twin.toml will be made from."""
 
     root: Path
@@ -57,7 +57,7 @@ class Draft:
         return self.stated.pose or PoseTable()
 
 
-def draft_of(root: Path, template: Config) -> Draft:
+def draft_of(root: Path, template: Config) -> SetupDraft:
     """The draft of a folder: what lies there, and what a former twin.toml states. ValueError where that is
     not right, or is not of a film."""
     path = root / "twin.toml"
@@ -72,14 +72,14 @@ def draft_of(root: Path, template: Config) -> Draft:
     found = recordings(root, dictionary=table.dictionary, board=board, form=form)
     measured = former is not None and found.board == table.board
     sheet = read_sheet(root / SHEET) if (root / SHEET).is_file() else None
-    draft = Draft(
+    draft = SetupDraft(
         root=root, template=template, stated=stated, is_former=former is not None, found=found, sheet=sheet,
         board_measured=measured,
     )  # fmt: skip
     return with_loose(draft)
 
 
-def with_loose(draft: Draft) -> Draft:
+def with_loose(draft: SetupDraft) -> SetupDraft:
     """The draft with the places of loose markers, as pictures of rig and board together tell them."""
     found = draft.found
     if not found.rig or found.film is None or found.board is None:
@@ -92,17 +92,17 @@ def with_loose(draft: Draft) -> Draft:
         return replace(draft, loose=str(error))
 
 
-def with_role(draft: Draft, code: int, role: Role) -> Draft:
+def with_role(draft: SetupDraft, code: int, role: Role) -> SetupDraft:
     """The draft with another role of a tag."""
     return replace(draft, roles={**draft.roles, code: role})
 
 
-def with_start(draft: Draft, start_s: float | None) -> Draft:
+def with_start(draft: SetupDraft, start_s: float | None) -> SetupDraft:
     """The draft with the film's start shifted by eye, s on the log's clock; None: as its motion tells."""
     return replace(draft, start_s=None if start_s is None else round(start_s, 3))
 
 
-def with_log(draft: Draft, *, column: str | None, unit: str | None, top_kPa: float | None) -> Draft:
+def with_log(draft: SetupDraft, *, column: str | None, unit: str | None, top_kPa: float | None) -> SetupDraft:
     """The draft with the log read by another column, in another unit. ValueError where that cannot be."""
     said: dict[str, Any] = {"column": column, "unit": unit, "top_kPa": top_kPa}
     pressure = (draft.stated.pressure or PressureTable()).model_copy(update=said)
@@ -117,7 +117,7 @@ def with_log(draft: Draft, *, column: str | None, unit: str | None, top_kPa: flo
     return replace(draft, stated=stated, found=found, start_s=None)
 
 
-def with_board(draft: Draft, *, square_mm: float, marker_mm: float | None) -> Draft:
+def with_board(draft: SetupDraft, *, square_mm: float, marker_mm: float | None) -> SetupDraft:
     """The draft with the measured sides of a square and of a marker of the board. ValueError where they do
     not go together.
 
@@ -133,7 +133,7 @@ def with_board(draft: Draft, *, square_mm: float, marker_mm: float | None) -> Dr
     return with_loose(replace(draft, found=replace(draft.found, board=own), board_measured=True))
 
 
-def with_rulers(draft: Draft, *, across: float, upright: float) -> Draft:
+def with_rulers(draft: SetupDraft, *, across: float, upright: float) -> SetupDraft:
     """The draft with what both rulers of the printed sheet measure, mm."""
     said = FrameTable(sheet=SHEET, finger=draft.stated.frame.finger, y_mm=None)
     former = draft.stated.frame if draft.stated.frame.sheet else said
@@ -141,14 +141,14 @@ def with_rulers(draft: Draft, *, across: float, upright: float) -> Draft:
     return _stating(draft, frame=checked(FrameTable, keys, name="[frame]"))
 
 
-def with_axes(draft: Draft, axes: Sequence[int]) -> Draft:
+def with_axes(draft: SetupDraft, axes: Sequence[int]) -> SetupDraft:
     """The draft with two ids of loose markers: the one at x = 0, z = 0, and one that is level with it."""
     if axes[0] == axes[1]:
         raise ValueError(f"axes = {list(axes)}: wanted two markers, at x = 0, z = 0 and level with it")
     return _stating(draft, frame=draft.stated.frame.model_copy(update={"axes": tuple(axes)}))
 
 
-def with_dimension(draft: Draft, key: str, value: float | str) -> Draft:
+def with_dimension(draft: SetupDraft, key: str, value: float | str) -> SetupDraft:
     """The draft with another dimension of the body. ValueError where it does not go with the others."""
     model, own = draft.stated.model, draft.dimensions
     if own is None:
@@ -158,17 +158,17 @@ def with_dimension(draft: Draft, key: str, value: float | str) -> Draft:
     return _stating(draft, model=model.model_copy(update={model.kind: table}))
 
 
-def with_body(draft: Draft, kind: str) -> Draft:
+def with_body(draft: SetupDraft, kind: str) -> SetupDraft:
     """The draft with another kind of body, of usual dimensions."""
     model = draft.stated.model
     keys: dict[str, Any] = {model.kind: None, "body": kind, kind: BODIES[kind]()}
     return _stating(draft, model=model.model_copy(update=keys))
 
 
-def with_pose(draft: Draft, pose: PoseTable | None) -> Draft:
+def with_pose(draft: SetupDraft, pose: PoseTable | None) -> SetupDraft:
     """The draft with the body standing elsewhere in the axes of the frame; None: at their origin."""
     return _stating(draft, pose=pose)
 
 
-def _stating(draft: Draft, **tables: Any) -> Draft:
+def _stating(draft: SetupDraft, **tables: Any) -> SetupDraft:
     return replace(draft, stated=draft.stated.model_copy(update=tables))

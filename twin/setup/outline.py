@@ -11,7 +11,7 @@ import numpy as np
 from twin.inputs.foundrecordings import first
 from twin.marktables import PoseTable
 from twin.project.folder import Project
-from twin.setup.draft import Draft, with_dimension, with_pose
+from twin.setup.draft import SetupDraft, with_dimension, with_pose
 from twin.setup.proposal import Proposal
 from twin.targets import Array
 
@@ -24,7 +24,7 @@ STEP_MM = 0.1  # of a dimension that is dragged
 
 
 @dataclass(frozen=True)
-class Sight:
+class PlaneView:
     """The plane of the frame, seen in the film's first picture."""
 
     homography: Array  # (3,3) mm to ideal px
@@ -46,7 +46,7 @@ def _mapped(homography: Array, points: Array) -> Array:
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
-def sight_of(proposal: Proposal, camera: "Camera | None" = None) -> Sight | None:
+def sight_of(proposal: Proposal, camera: "Camera | None" = None) -> PlaneView | None:
     """How the film's first picture shows the plane of the frame; None where fewer than four of its markers
     are seen, or all on one line."""
     from vision.plane import MIN_VISIBLE, homographies
@@ -59,10 +59,10 @@ def sight_of(proposal: Proposal, camera: "Camera | None" = None) -> Sight | None
     seen = first(film.centre)[[film.codes.index(mark.marker or 0) for mark in marks]]
     places = np.array([mark.position_mm for mark in marks])[:, [0, 2]]
     homography = homographies(places, (seen if camera is None else camera.undistort(seen))[None])[0]
-    return Sight(homography, camera) if np.isfinite(homography[0, 0]) else None
+    return PlaneView(homography, camera) if np.isfinite(homography[0, 0]) else None
 
 
-def contour_of(draft: Draft) -> Array:
+def contour_of(draft: SetupDraft) -> Array:
     """The outline (n,2) mm of the body as stated, x and z in its own axes, closed. ValueError for a deck that
     is not there or not right."""
     from fe.element import triangles
@@ -86,7 +86,7 @@ def in_body(pose: PoseTable, places: Array) -> Array:
     return np.asarray((places - (pose.x_mm, pose.z_mm)) @ np.array([[c, -s], [s, c]]))
 
 
-def handles_of(draft: Draft, contour: Array) -> dict[Handle, Array]:
+def handles_of(draft: SetupDraft, contour: Array) -> dict[Handle, Array]:
     """Places (2,) mm of the handles in the axes of the frame; of a dimension that the body does not have,
     none.   contour (n,2) mm, in the body's axes."""
     (x0, z0), (x1, z1) = contour.min(axis=0), contour.max(axis=0)
@@ -101,7 +101,7 @@ def handles_of(draft: Draft, contour: Array) -> dict[Handle, Array]:
 
 
 def handle_at(
-    handles: Mapping[Handle, Array], sight: Sight, pixel: Array, *, within_px: float
+    handles: Mapping[Handle, Array], sight: PlaneView, pixel: Array, *, within_px: float
 ) -> Handle | None:
     """The handle at a pixel (2,), the nearest of several."""
     if not handles:
@@ -116,10 +116,10 @@ class Drag:
 
     handle: Handle
     start: Array  # (2,) mm, in the axes of the frame
-    draft: Draft
+    draft: SetupDraft
 
 
-def dragged(drag: Drag, to: Array) -> Draft:
+def dragged(drag: Drag, to: Array) -> SetupDraft:
     """The draft with the held handle at a place (2,) mm of the frame. ValueError for a dimension that cannot
     be."""
     pose = drag.draft.pose
@@ -137,7 +137,7 @@ def dragged(drag: Drag, to: Array) -> Draft:
     return with_dimension(drag.draft, drag.handle, round(round(value / STEP_MM) * STEP_MM, 3))
 
 
-def stretched(contour: Array, before: Draft, after: Draft) -> Array:
+def stretched(contour: Array, before: SetupDraft, after: SetupDraft) -> Array:
     """The outline (n,2) mm as another length and height make it, before the body is meshed anew."""
     ratio = [
         getattr(after.dimensions, key, 1.0) / getattr(before.dimensions, key, 1.0)

@@ -11,7 +11,7 @@ from twin.messages import Lines, Say
 from twin.setup import desk as desks
 from twin.setup import panels
 from twin.setup.desk import Check, Desk
-from twin.setup.draft import Draft, with_start
+from twin.setup.draft import SetupDraft, with_start
 from twin.setup.recordedpictures import as_url, clock_chart, first_picture
 
 QUIET_S = 0.8  # without a change, after which the check runs
@@ -22,7 +22,7 @@ LONG_MS = 8000  # that a message stays
 class Page:
     """The page: a desk, and what shows it."""
 
-    def __init__(self, draft: Draft, say: Say, check: Check) -> None:
+    def __init__(self, draft: SetupDraft, say: Say, check: Check) -> None:
         self.say, self.check = say, check
         self.picture = first_picture(draft.found)
         self.desk = desks.desk_of(draft, width=1280 if self.picture is None else self.picture.shape[1])
@@ -50,11 +50,11 @@ class Page:
         self.changes += 1
         self.check_soon()
 
-    def step(self, change: Callable[[Draft], Draft]) -> None:
+    def step(self, change: Callable[[SetupDraft], SetupDraft]) -> None:
         """Do a step of the draft."""
         self.to(desks.changed(self.desk, change))
 
-    async def long_step(self, change: Callable[[Draft], Draft]) -> None:
+    async def long_step(self, change: Callable[[SetupDraft], SetupDraft]) -> None:
         """Do a step that takes seconds."""
         desk = await run.io_bound(desks.changed, self.desk, change)
         if desk is None:  # the server ends

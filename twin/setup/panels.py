@@ -11,8 +11,8 @@ from twin.inputs.looseframe import Measured
 from twin.setup import desk as desks
 from twin.setup.draft import (
     ROLES,
-    Draft,
     Role,
+    SetupDraft,
     with_axes,
     with_board,
     with_body,
@@ -147,7 +147,7 @@ def recordings_panel(page: "Page") -> None:
         _log_fields(page, draft)
 
 
-def _log_fields(page: "Page", draft: Draft) -> None:
+def _log_fields(page: "Page", draft: SetupDraft) -> None:
     """How the log is read."""
     own = draft.stated.pressure
     column, unit, top_kPa = (None, None, None) if own is None else (own.column, own.unit, own.top_kPa)
@@ -188,7 +188,7 @@ def measures_panel(page: "Page") -> None:
 
 
 def _together(
-    page: "Page", fields: Mapping[str, tuple[str, float | None]], step: Callable[..., Draft], *,
+    page: "Page", fields: Mapping[str, tuple[str, float | None]], step: Callable[..., SetupDraft], *,
     slow: bool = False,
 ) -> None:
     """Numbers of one step, which is done when all are typed; slow: one that takes seconds."""
@@ -207,7 +207,7 @@ def _together(
         field.classes("w-40").props("dense").on("change", done)
 
 
-def _axes_fields(page: "Page", draft: Draft, loose: Measured) -> None:
+def _axes_fields(page: "Page", draft: SetupDraft, loose: Measured) -> None:
     """Which of the loose markers define the axes."""
     axes = draft.stated.frame.axes or (None, None)
     names = ("marker at x = 0, z = 0", "marker that is level with it")

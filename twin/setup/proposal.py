@@ -14,7 +14,7 @@ from twin.project.config import Config, usual_objective
 from twin.project.folder import Project
 from twin.project.framesheet import on_sheet
 from twin.project.toml import dump, parse
-from twin.setup.draft import BY_EYE_S, SHEET, Draft, Role
+from twin.setup.draft import BY_EYE_S, SHEET, Role, SetupDraft
 from twin.setup.rigframe import RigFrame, rig_frame
 from twin.setup.tagroles import choices_of, on_finger, points_on_finger, roles_of
 from twin.validation import decoded
@@ -35,7 +35,7 @@ NOWHERE = (
 class Proposal:
     """A configuration, and how it was made."""
 
-    draft: Draft
+    draft: SetupDraft
     config: Config
     frame: RigFrame | None  # None without a film
     roles: dict[int, Role]  # of all tags of the film, by id
@@ -92,7 +92,7 @@ class Proposal:
         return lines + ([SQUARE] if found.board is not None and not draft.board_measured else [])
 
 
-def proposed(draft: Draft) -> Proposal:
+def proposed(draft: SetupDraft) -> Proposal:
     """The configuration of what is found and said."""
     config, film = _recorded(draft), draft.found.film
     if film is None:
@@ -108,7 +108,7 @@ def proposed(draft: Draft) -> Proposal:
     return Proposal(draft, config, frame, roles, (*frame.unclear, *_nobodys(draft, film, roles)))
 
 
-def _recorded(draft: Draft) -> Config:
+def _recorded(draft: SetupDraft) -> Config:
     """The configuration with the recordings' files, board, log and clock."""
     found, stated = draft.found, draft.stated
     table, pressure = stated.cameras[0], stated.pressure
@@ -125,7 +125,7 @@ def _recorded(draft: Draft) -> Config:
     return stated.model_copy(update={"cameras": (table.model_copy(update=keys),), "pressure": pressure})
 
 
-def _nobodys(draft: Draft, film: Tags, roles: dict[int, Role]) -> list[str]:
+def _nobodys(draft: SetupDraft, film: Tags, roles: dict[int, Role]) -> list[str]:
     """A sentence on tags that stand still and have no place, unless the user has left them out."""
     loose = [code for code in film.codes if roles[code] == "ignore" and code not in draft.roles]
     return [] if not loose else [
@@ -134,7 +134,7 @@ def _nobodys(draft: Draft, film: Tags, roles: dict[int, Role]) -> list[str]:
     ]  # fmt: skip
 
 
-def _undecided_body(draft: Draft) -> bool:
+def _undecided_body(draft: SetupDraft) -> bool:
     """Whether nobody has stated the body's dimensions."""
     model = draft.stated.model
     return model.kind != "deck" and model.dimensions == BODIES[model.kind]()

@@ -11,7 +11,7 @@ import numpy as np
 from twin.csvtable import read_sheet
 from twin.inputs.foundrecordings import FILMS, Recordings
 from twin.setup.desk import course_of
-from twin.setup.draft import Draft
+from twin.setup.draft import SetupDraft
 
 if TYPE_CHECKING:  # vision takes a second to import
     from vision.camera import Image
@@ -31,7 +31,7 @@ def _first_of(path: Path) -> "Image":
     return next(iter(Video(path).chosen([0])))[2]
 
 
-def recorded_pictures(draft: Draft) -> "list[tuple[str, Image]]":
+def recorded_pictures(draft: SetupDraft) -> "list[tuple[str, Image]]":
     """Names of the recordings, each with its first picture (h,w)."""
     found, shown = draft.found, []
     for what, film in (("test", found.film), ("at rest", found.static)):
@@ -81,7 +81,7 @@ def headings_of_log(found: Recordings) -> list[str]:
         return []
 
 
-def clock_chart(draft: Draft) -> dict[str, Any]:
+def clock_chart(draft: SetupDraft) -> dict[str, Any]:
     """A chart of log and motion on one clock, in the manner of ECharts; a film whose start is open stands at
     the beginning."""
     found = draft.found

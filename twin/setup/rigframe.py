@@ -10,7 +10,7 @@ from twin.inputs.foundrecordings import Tags, first, pattern_of
 from twin.marktables import FrameTable, MarkerTable
 from twin.project.config import Config
 from twin.project.framesheet import SheetMarker, SheetTable, markers_of
-from twin.setup.draft import SHEET, Draft, Role
+from twin.setup.draft import SHEET, Role, SetupDraft
 from twin.setup.tagroles import along, on_finger, roles_of, side_of_finger, typed_markers
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class RigFrame:
         return tuple(mark for mark in placed if mark.marker in film.codes)
 
 
-def rig_frame(draft: Draft, film: Tags) -> RigFrame:
+def rig_frame(draft: SetupDraft, film: Tags) -> RigFrame:
     """The frame of a draft: the printed sheet where there is one, else loose markers, else typed places."""
     sheet = draft.sheet
     if draft.found.rig and (sheet is None or sheet.ruler_mm is None):
@@ -49,7 +49,7 @@ def rig_frame(draft: Draft, film: Tags) -> RigFrame:
     return _typed(draft, film) if sheet is None else _printed(draft, film, sheet)
 
 
-def _printed(draft: Draft, film: Tags, sheet: SheetTable) -> RigFrame:
+def _printed(draft: SetupDraft, film: Tags, sheet: SheetTable) -> RigFrame:
     """The frame of a printed sheet; it is to be written where its tags get other roles."""
     frame, own = draft.stated.frame, _with_roles(sheet, draft.roles)
     ruler = frame.ruler_mm if frame.sheet else None
@@ -60,7 +60,7 @@ def _printed(draft: Draft, film: Tags, sheet: SheetTable) -> RigFrame:
     return RigFrame(table, own, own != sheet, () if ruler else (RULERS,), _ids(sheet))
 
 
-def _typed(draft: Draft, film: Tags, *, unclear: tuple[str, ...] = ()) -> RigFrame:
+def _typed(draft: SetupDraft, film: Tags, *, unclear: tuple[str, ...] = ()) -> RigFrame:
     """The frame of typed places, of the tags that the film shows."""
     seen = [mark for mark in typed_markers(draft) if mark.marker in film.codes]
     roles = [draft.roles.get(mark.marker) or mark.role for mark in seen]
@@ -72,7 +72,7 @@ def _typed(draft: Draft, film: Tags, *, unclear: tuple[str, ...] = ()) -> RigFra
     return RigFrame(table, unclear=unclear, placed=frozenset(mark.marker for mark in seen))
 
 
-def _loose(draft: Draft, film: Tags) -> RigFrame:
+def _loose(draft: SetupDraft, film: Tags) -> RigFrame:
     """The frame that pictures of rig and board together tell; that of typed places where they do not."""
     frame = draft.stated.frame
     try:
@@ -88,7 +88,7 @@ def _loose(draft: Draft, film: Tags) -> RigFrame:
     return RigFrame(table, _with_roles(sheet, draft.roles), True, tuple(unclear), _ids(sheet))
 
 
-def _measured(draft: Draft, film: Tags, seen: "Measured") -> tuple[SheetTable, list[str]]:
+def _measured(draft: SetupDraft, film: Tags, seen: "Measured") -> tuple[SheetTable, list[str]]:
     """The frame of loose markers, and sentences on typed places that are odd, or on its axes."""
     from twin.inputs.looseframe import sheet_in_typed, sheet_of
 
@@ -110,7 +110,7 @@ def _measured(draft: Draft, film: Tags, seen: "Measured") -> tuple[SheetTable, l
     )]  # fmt: skip
 
 
-def _own(draft: Draft, film: Tags, sheet: SheetTable) -> list[int]:
+def _own(draft: SetupDraft, film: Tags, sheet: SheetTable) -> list[int]:
     """Rows of the tags on the finger, beside those of a sheet."""
     return on_finger(film, roles_of(draft, film, {mark.marker: mark.role for mark in sheet.markers}))
 

@@ -12,13 +12,13 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from twin.messages import Say
 from twin.setup.desk import Check
-from twin.setup.draft import Draft
+from twin.setup.draft import SetupDraft
 from twin.setup.page import Page
 
 HOST = "127.0.0.1"
 
 
-def serve(draft: Draft, say: Say, *, check: Check, port: int) -> bool:
+def serve(draft: SetupDraft, say: Say, *, check: Check, port: int) -> bool:
     """Whether twin.toml has all that was on the page when ctrl-C ended it. ValueError where the port is
     taken.
 

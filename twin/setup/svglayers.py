@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.inputs.foundrecordings import Tags, first
 from twin.setup.draft import Role
-from twin.setup.outline import Handle, Sight
+from twin.setup.outline import Handle, PlaneView
 from twin.targets import Array
 
 # Okabe and Ito, as in the plots: distinct with every kind of colour vision.
@@ -53,7 +53,7 @@ def tags_svg(
 
 
 def outline_svg(
-    contour: Array, handles: Mapping[Handle, Array], sight: Sight, *, width: int, held: Handle | None
+    contour: Array, handles: Mapping[Handle, Array], sight: PlaneView, *, width: int, held: Handle | None
 ) -> str:
     """The outline (n,2) mm of the frame, and its handles."""
     unit, colour = unit_of_picture(width), OUTLINE

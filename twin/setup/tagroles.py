@@ -8,11 +8,11 @@ import numpy as np
 from twin.inputs.foundrecordings import Tags, first
 from twin.marktables import PointTable
 from twin.project.framesheet import SheetTable
-from twin.setup.draft import Draft, Role
+from twin.setup.draft import Role, SetupDraft
 from twin.targets import Array
 
 
-def roles_of(draft: Draft, film: Tags, rig: Mapping[int, Role]) -> dict[int, Role]:
+def roles_of(draft: SetupDraft, film: Tags, rig: Mapping[int, Role]) -> dict[int, Role]:
     """The role of every tag of the film: as the user says, else that of the rig's tags, by id. Of the others
     those that move, even a little in line with the rest, or that twin.toml has as points, are on the finger;
     those that stand still are nobody's."""
@@ -24,7 +24,7 @@ def roles_of(draft: Draft, film: Tags, rig: Mapping[int, Role]) -> dict[int, Rol
     return {code: draft.roles.get(code) or rig.get(code) or own[code] for code in film.codes}
 
 
-def choices_of(draft: Draft, code: int, placed: set[int]) -> tuple[Role, ...]:
+def choices_of(draft: SetupDraft, code: int, placed: set[int]) -> tuple[Role, ...]:
     """The roles that a tag can have. Those of the rig want a place: the tags in `placed` have one."""
     if code not in placed:
         return ("finger", "ignore")
@@ -32,13 +32,13 @@ def choices_of(draft: Draft, code: int, placed: set[int]) -> tuple[Role, ...]:
     return ("frame", "fixed", *(("clamp",) if typed else ()), "finger", "ignore")
 
 
-def typed_markers(draft: Draft) -> tuple[Any, ...]:
+def typed_markers(draft: SetupDraft) -> tuple[Any, ...]:
     """The frame markers that somebody typed, none where they are the template's."""
     markers = draft.stated.frame.markers
     return markers if markers != draft.template.frame.markers else ()
 
 
-def stated_points(draft: Draft) -> tuple[PointTable, ...]:
+def stated_points(draft: SetupDraft) -> tuple[PointTable, ...]:
     """The points on the finger that somebody stated, none where they are the template's."""
     points = draft.stated.points
     return points if points != draft.template.points else ()
@@ -77,7 +77,7 @@ def places_of_tags(film: Tags, own: Sequence[int], places: Mapping[int, Any]) ->
 
 
 def points_on_finger(
-    draft: Draft, film: Tags, own: Sequence[int], rig: Sequence[Any]
+    draft: SetupDraft, film: Tags, own: Sequence[int], rig: Sequence[Any]
 ) -> tuple[PointTable, ...]:
     """The finger's tags, named along it; those that twin.toml had keep what it says of them.
 

@@ -26,7 +26,15 @@ from twin.setup.desk import (
     with_tag_role,
     written,
 )
-from twin.setup.draft import Draft, with_board, with_body, with_dimension, with_log, with_rulers, with_start
+from twin.setup.draft import (
+    SetupDraft,
+    with_board,
+    with_body,
+    with_dimension,
+    with_log,
+    with_rulers,
+    with_start,
+)
 from twin.setup.outline import handles_of, in_body, in_frame
 from twin.setup.proposal import proposed
 from twin.setup.recordedpictures import clock_chart, headings_of_log, said_of_log
@@ -73,7 +81,7 @@ def draft(tmp_path):
     template = film_config("own")
     (tmp_path / "raw").mkdir()
     files.write_text(tmp_path / "raw" / "frame.toml", sheet.text())
-    return Draft(root=tmp_path, template=template, stated=template, is_former=False, found=found, sheet=sheet)
+    return SetupDraft(root=tmp_path, template=template, stated=template, is_former=False, found=found, sheet=sheet)
 
 
 @pytest.fixture
