@@ -22,16 +22,19 @@ STRAIGHT = 0.02  # of the range of pressure: by so much a log may leave the line
 # felt: where a model lacks an effect, shared errors take up much of it, and its constants follow the slopes.
 LEVELS = 12
 GRADING = 1.5  # of a ramp's steps towards its lower pressure
+LONG = 1e9  # s, in which whatever creeps comes to rest
 
 
 class Outside(TypedDict, total=False):
-    """Fields of a path besides its pressure history: gravity, pulls, and shares of the pressure."""
+    """Fields of a path besides its pressure history: gravity, pulls, shares of the pressure, and whether the
+    structure has settled under them."""
 
     gravity: Array
     places: Array
     pulls: Array
     chambers: tuple[str, ...]
     shares: Array
+    settled: bool
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,7 @@ class Path:
     pulls: Array = field(default_factory=lambda: np.zeros((0, 3)))
     chambers: tuple[str, ...] = ()
     shares: Array = field(default_factory=lambda: np.zeros(0))
+    settled: bool = False
 
     def __post_init__(self) -> None:
         if self.pulls.shape not in (self.places.shape, (len(self.time), *self.places.shape)):
@@ -93,7 +97,7 @@ class Path:
         pulls, shares = np.split(rows[..., 3:], [self.places.size], axis=-1)
         pulls = pulls.reshape(*rows.shape[:-1], *self.places.shape)
         return {"gravity": rows[..., :3], "places": self.places, "pulls": pulls,
-                "chambers": self.chambers, "shares": shares}  # fmt: skip
+                "chambers": self.chambers, "shares": shares, "settled": self.settled}  # fmt: skip
 
     @property
     def turns(self) -> Integers:
@@ -175,9 +179,12 @@ def rejoins(path: Path) -> Array:
 
 def knots(path: Path, *, softening: bool = False, creeping: bool = True) -> Array:
     """Times (k,) s at which a history is solved: the corners, with `softening` the `rejoins`, and between
-    them even steps of `_Span.even`, in holds only with `creeping`."""
+    them even steps of `_Span.even`, in holds only with `creeping`; before them, of a settled structure that
+    creeps, the time at which it was loaded."""
     spans = _spans(path, softening, creeping)
-    return np.concatenate([[spans[0].begin], *(span.inside() for span in spans)])
+    begin = spans[0].begin
+    first = [begin - LONG, begin] if path.settled and creeping else [begin]
+    return np.concatenate([first, *(span.inside() for span in spans)])
 
 
 def in_time(path: Path, time: Array, *, softening: bool = False, creeping: bool = True) -> Array:
@@ -186,7 +193,7 @@ def in_time(path: Path, time: Array, *, softening: bool = False, creeping: bool 
     Between corners of the pressure a cubic spline over `_Span.even`; at the corners the slope may jump. It is
     linear in the values: the derivative of the interpolant interpolates the derivatives.
     """
-    columns = np.clip(path.output, time[0], time[-1])
+    columns = np.clip(path.output, path.time[0], time[-1])
     weights, unit = np.zeros((len(columns), len(time))), np.eye(len(time))
     for span in _spans(path, softening, creeping):
         rows = np.flatnonzero((time >= span.begin) & (time <= span.end))
@@ -245,16 +252,18 @@ def _spans(path: Path, softening: bool, creeping: bool) -> list[_Span]:
     ]
 
 
-def equivalent(time: Array, pressure: Array, prony: Array) -> Array:
+def equivalent(time: Array, pressure: Array, prony: Array, *, settled: bool = False) -> Array:
     """Pressure (t,) MPa under which an elastic body would show the linear creep of a Prony body.
 
     prony (m, 2) holds g and tau s. Solves p(t) = int [1 - sum g (1 - exp(-(t-s)/tau))] dq(s) for q, with q
-    linear between the times (t,) s; the structure is unloaded before the first time.
+    linear between the times (t,) s; the structure is unloaded before the first time, or `settled`.
 
     >>> hold = equivalent(np.array([0.0, 50.0, 100.0]), np.ones(3), np.array([[0.2, 5.0]]))
     >>> hold[[0, -1]].round(3)  # 1 / (1 - g) in the end
     array([1.  , 1.25])
     """
+    if settled:
+        return equivalent(np.append(time[0] - LONG, time), np.append(pressure[0], pressure), prony)[1:]
     out, g, x = np.empty(len(pressure)), prony[:, 0].copy(), np.diff(time)[:, None] / prony[:, 1]
     decay, share = np.exp(-np.minimum(x, 300.0)), g * -np.expm1(-x) / x
     _equivalent(np.asarray(pressure, float), g, decay, share, out)

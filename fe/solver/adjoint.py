@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix
 from fe.element import Array, Integers
 from fe.kernel.assembly import Response, Softening, State
 from fe.material import relaxation
-from fe.path import in_time, knots
+from fe.path import Path, in_time, knots
 from fe.solver.curve import Curve
 from fe.solver.historyvariables import SHY
 from fe.solver.loadings import Loadings
@@ -81,7 +81,7 @@ class NullTangents:
         out = {}
         for k, (n, v) in enumerate(varied.items()):
             plus, minus = (
-                np.stack([_remaining(side[:, e], path.time, before, path.output) for e in group_row])
+                np.stack([_remaining(side[:, e], path, before) for e in group_row])
                 for side in sides[2 * k : 2 * k + 2]
             )
             change = (plus - minus) / (2 * v.step)  # (g, s, l)
@@ -98,8 +98,7 @@ class NullTangents:
         )
         here = np.interp(path.output, path.time, self.pressure)
         remaining = [
-            _remaining(series(q), path.time, self.pressure[:, None], path.output)[:, 0]
-            for q in (v.plus, v.minus)
+            _remaining(series(q), path, self.pressure[:, None])[:, 0] for q in (v.plus, v.minus)
         ]
         slope = (remaining[1] - remaining[0]) / (2 * v.step)
         out = np.empty((len(here), operator.shape[0], 3))
@@ -202,13 +201,15 @@ def _answers(
     return out
 
 
-def _remaining(prony: Array, time: Array, shares: Array, output: Array) -> Array:
+def _remaining(prony: Array, path: Path, shares: Array) -> Array:
     """Coefficients (s, l) of the levels' stresses at the output times after relaxation by a Prony series (m,
-    2), from their shares (t, l) at times (t,) s: linear viscoelasticity, exact for shares linear in time."""
+    2), from their shares (t, l) at the log times: linear viscoelasticity, exact for shares linear in time."""
+    time, output = path.time, path.output
     stress = (1 - prony[:, 0].sum()) * shares
     for g, tau in prony[prony[:, 0] != 0]:
         decay, ramp = relaxation(np.array([[g, tau]]), np.diff(time))
-        put_on, fading = g * ramp[:, None] * np.diff(shares, axis=0), g * shares[0]  # the first at once
+        put_on = g * ramp[:, None] * np.diff(shares, axis=0)
+        fading = (0.0 if path.settled else g) * shares[0]  # else the first is put on at once
         stress[0] += fading
         for n, more in enumerate(put_on):
             fading = decay[n] * fading + more

@@ -62,7 +62,8 @@ class Course:
         """Loading of a problem by a path, at times (k,) s."""
         load, stiffness, prony = path.pressure_at(time), path.stiffness_at(time), series(problem)
         plain = load / stiffness
-        return Course(load, stiffness, equivalent(time, plain, prony) if prony[:, 0].any() else plain)
+        felt = equivalent(time, plain, prony, settled=path.settled) if prony[:, 0].any() else plain
+        return Course(load, stiffness, felt)
 
     def halved(self, k: int) -> "Course":
         """The course with one more time, half way from number k - 1 to number k."""

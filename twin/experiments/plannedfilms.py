@@ -187,5 +187,5 @@ def _strung(tests: Sequence[Test]) -> tuple[Case, Path]:
 def _felt(path: Path, prony: Array) -> Array:
     """The pressure (s,) MPa at the frames that brings an elastic body without drift to an equal shape."""
     plain = path.pressure / path.stiffness_at(path.time)
-    felt = equivalent(path.time, plain, prony) if prony[:, 0].any() else plain
+    felt = equivalent(path.time, plain, prony, settled=path.settled) if prony[:, 0].any() else plain
     return np.interp(path.output, path.time, felt)

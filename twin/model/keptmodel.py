@@ -86,14 +86,16 @@ class KeptModel(Model):
 # -- the base model: elasticity alone ------------------------------------------------------------------------
 
 def base_test(targets: Targets, case: Case) -> Test:
-    """The test that the targets describe: their points on the case, their log as the path."""
+    """The test that the targets describe: their points on the case, which has settled under its weight and
+    what hangs on it, their log as the path."""
     moving = ~targets.fixed
     points = targets.places(case.position)
     places, pulls = pulls_of(targets, case.position)
     chambers, shares = shares_of(targets, case)
+    weight = of_targets(targets)
     path = Path(
-        targets.log_time, targets.log_pressure, targets.time, gravity=of_targets(targets), places=places,
-        pulls=pulls, chambers=chambers, shares=shares,
+        targets.log_time, targets.log_pressure, targets.time, gravity=weight, places=places, pulls=pulls,
+        chambers=chambers, shares=shares, settled=bool(weight.any() or pulls.any()),
     )  # fmt: skip
     rest = None
     if any(point.rest for point in targets.points):
