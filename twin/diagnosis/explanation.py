@@ -14,12 +14,12 @@ from pydantic import Field
 
 from calibrate import Parameter
 from twin.effects.protocol import Effect
-from twin.judging.comparison import BRANCHES, PLAUSIBLE, branches, right_in_words
+from twin.judging.comparison import BRANCHES, branches, right_in_words
 from twin.judging.fitrecord import Estimate
 from twin.judging.heldout import HeldOut, held_out
 from twin.judging.intervals import estimates
 from twin.judging.judged import Judged
-from twin.judging.whitening import Whitener
+from twin.judging.whitening import PLAUSIBLE, Whitener
 from twin.records import Maybe, Record
 from twin.table import DataTable
 from twin.targets import Array, Targets

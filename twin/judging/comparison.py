@@ -12,11 +12,10 @@ from twin.judging.fitrecord import BeyondRow, ComparisonRecord, FitTest, MapRow,
 from twin.judging.lawerrors import memory
 from twin.judging.sharederrors import beyond, in_words
 from twin.judging.tolerances import leaning, leaning_in_words
-from twin.judging.whitening import UNKNOWN, Expected, Whitener
+from twin.judging.whitening import PLAUSIBLE, UNKNOWN, Expected, Whitener
 from twin.targets import Array, Targets, relative
 
 ADEQUATE = 1e-3  # a model is adequate while its lack of fit has at least this probability
-PLAUSIBLE = 3.0  # sd of a shared error beyond which none is taken off: what is left belongs to the model
 OVERSTATED = 0.7  # of its degrees of freedom is the chi2 of the picture below which its noise is told
 EVEN = 1.3  # times as large as the smallest is the largest misfit over its noise, where it is even
 LEAST, ENOUGH = 50, 100  # values of a marker, direction, pressure or branch that count; degrees of freedom
@@ -36,9 +35,9 @@ class Comparison:
     errors of measurement and mesh that many values share, each up to PLAUSIBLE sds, NaN where no data;
     whitened (n,); the lack-of-fit test; where it fails.
 
-    raw_rms_mm: the error, as it is drawn. expected: the error of a right model after its fit. rms_mm: the
-    error without shared errors; noise_sd_mm: what noise alone would give of that. tests: those of which the
-    smallest probability is p_value, times their number, and that of chi2.
+    raw_rms_mm: the error, as it is drawn, with walls within their tolerance. expected: the error of a right
+    model after its fit. rms_mm: the error without shared errors; noise_sd_mm: what noise alone would give of
+    that. tests: those of which the smallest probability is p_value, times their number, and that of chi2.
     """
 
     residual: Array
@@ -156,7 +155,7 @@ def compare(
         noise_sd_mm=whitener.noise_sd,
         where="",
         maps=residual_maps(targets, whitener, cleaned_values),
-        raw_rms_mm=whitener.error(residual),
+        raw_rms_mm=whitener.error_beside_walls(residual),
         expected=whitener.expected_after(jacobian),
         tests=tests,
         beyond=beyond(whitener, residual),

@@ -299,7 +299,9 @@ class ComparisonRecord(Record):
     chi2: Maybe = Field(default=None, description="test of lack of fit")
     degrees_of_freedom: int | None = None
     p_value: Maybe = None
-    raw_rms_mm: Maybe = Field(default=None, description="error of the model, as it is drawn")
+    raw_rms_mm: Maybe = Field(
+        default=None, description="error of the model, as it is drawn, with walls within their tolerance"
+    )
     expected_mm: Maybe = Field(default=None, description="error of a right model after its fit")
     expected_low_mm: Maybe = Field(default=None, description="ends of its 95 % band")
     expected_high_mm: Maybe = None

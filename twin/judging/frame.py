@@ -11,14 +11,13 @@ from calibrate import excess
 from twin.judging.comparison import (
     ADEQUATE,
     BRANCHES,
-    PLAUSIBLE,
     WHILE,
     branches,
     lack_of_fit,
     slow_shapes,
     smooth_functions,
 )
-from twin.judging.whitening import Whitener, whitener
+from twin.judging.whitening import PLAUSIBLE, Whitener, whitener
 from twin.records import Maybe, Record
 from twin.targets import Array, Targets
 

@@ -10,10 +10,11 @@ from pydantic import Field
 
 from calibrate import chi2_test
 from calibrate.statistics import omnibus
-from twin.judging.comparison import PLAUSIBLE, freedom, slow_shapes, smooth_functions
+from twin.judging.comparison import freedom, slow_shapes, smooth_functions
 from twin.judging.fitrecord import UnseenFilm
 from twin.judging.fitting import ModelErrors
 from twin.judging.judged import Judged
+from twin.judging.whitening import PLAUSIBLE
 from twin.records import Maybe, Record
 from twin.targets import Array, Targets
 

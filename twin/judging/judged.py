@@ -107,18 +107,22 @@ def judge_base(
     """A model that may lack an effect, fitted from starts (m, d) or (d,) and judged.
 
     Ordinary least squares come first: where an effect is missing, weights by the errors of the measurement
-    pay for it with these errors, and with constants. From their end the fit is weighted. Where that does not
-    fit and asks shared errors for more than is stated of them, the unweighted one is kept, whose error is the
-    smallest of all. Priors, tests of the silicone and heavy tails need the weights from the start.
+    pay for it with these errors, and with constants. From their end the fit is weighted. Where that, after
+    its first descent or in its end, does not fit and asks shared errors for more than is stated of them, the
+    unweighted one is kept, whose error is the smallest of all. Priors, tests of the silicone and heavy tails
+    need the weights from the start.
     """
     if not targets.bare:
         return judge(model, targets, starts=starts, seed=seed)
     unweighted = fit_unweighted(model, targets, start=starts, seed=seed)
     task = _Task(model, targets, seed, FEW, 0.1, TURNS, 0.0)
-    rough = task.first(unweighted.theta)
-    comparison = task.judged(rough).comparison
-    kept = comparison.beyond and not comparison.adequate
-    return task.judged(task._at(unweighted) if kept else task.settled(rough))
+    end = task.first(unweighted.theta)
+    for settle in (lambda e: e, task.settled):
+        end = settle(end)
+        weighted = task.judged(end)
+        if weighted.comparison.beyond and not weighted.comparison.adequate:
+            return task.judged(task._at(unweighted))
+    return weighted
 
 
 def judge_fit(model: Model, targets: Targets, fit: Fit, *, law: float = 0.0) -> Judged:

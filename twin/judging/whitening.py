@@ -19,9 +19,11 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from twin.judging.noisefilter import NoiseFilter, noise_filter
+from twin.model.discretisation import WALL
 from twin.targets import Array, Targets
 
 LAW = "law:"  # and an effect: the name of a mode that is an error of its law
+PLAUSIBLE = 3.0  # sd of a shared error beyond which none is taken off: what is left belongs to the model
 MESH_MODE = "mesh"  # the name of a mode of the model that has no other
 OWN = "gauge:reference"  # the name of a mode that belongs to one film alone
 
@@ -185,6 +187,14 @@ class Whitener:
         """Root mean square in mm of a residual (s, p, 3) mm, shared errors included, as drawn."""
         return float(np.sqrt((self.pick(residual)[self.valid] ** 2).mean()))
 
+    def error_beside_walls(self, residual: Array) -> float:
+        """As `error`, with the walls that no camera sees as thick as fits best, within PLAUSIBLE sds."""
+        if not self.of_walls.any():
+            return self.error(residual)
+        size = self.amplitudes(residual, bound=PLAUSIBLE)[: self.shared][self.of_walls]
+        values = self.pick(residual) - np.tensordot(size, self.modes[: self.shared][self.of_walls], 1)
+        return float(np.sqrt((values[self.valid] ** 2).mean()))
+
     @property
     def noise_sds(self) -> Array:
         """The sd (s, m) mm of each value: independent noise and the gauge's."""
@@ -199,26 +209,40 @@ class Whitener:
     @cached_property
     def without_laws(self) -> "Whitener":
         """The whitener without the modes that are errors of the model's laws."""
-        if not self.of_laws.any():
+        return self._without(self.of_laws)
+
+    def _without(self, left: NDArray[np.bool_]) -> "Whitener":
+        """The whitener without some (shared,) of its shared modes."""
+        if not left.any():
             return self
-        kept = np.append(~self.of_laws, np.ones(len(self.modes) - self.shared, bool))
-        names = tuple(name for name in self.names if not name.startswith(LAW))
+        kept = np.append(~left, np.ones(len(self.modes) - self.shared, bool))
+        names = tuple(name for name, gone in zip(self.names, left, strict=True) if not gone)
         return replace(self, modes=self.modes[kept], shared=len(names), names=names)
 
-    def expected_after(self, jacobian: Array) -> "Expected":
-        """What `error` would be of a right model after its fit, with the derivatives (d, s, p, 3) of it.
+    @cached_property
+    def of_walls(self) -> NDArray[np.bool_]:
+        """Flags (shared,) of the modes that are tolerances of walls."""
+        return np.array([name.startswith(WALL) for name in self.names], bool)
 
-        The generalised least-squares residual has the covariance R = Sigma - J C J', with Sigma of noise and
-        shared errors (the laws' apart) and C = (J' Sigma^-1 J)^-1. Its mean square, tr R / n, has the
-        variance 2 tr R^2 / n^2; the band is that of the gamma distribution with these two moments (F. E.
-        Satterthwaite, doi 10.2307/3002019).
+    def expected_after(self, jacobian: Array) -> "Expected":
+        """What `error_beside_walls` would be of a right model after its fit, with derivatives (d, s, p, 3).
+
+        The generalised least-squares residual has the covariance R = Sigma - X C X', with Sigma of noise and
+        shared errors (those of laws and walls apart), X of the derivatives and the walls' modes and C = (X'
+        Sigma^-1 X + P)^-1, P the prior of the walls (Henderson 1975, doi 10.2307/2529430). Its mean square,
+        tr R / n, has the variance 2 tr R^2 / n^2; the band is that of the gamma distribution with these two
+        moments (F. E. Satterthwaite, doi 10.2307/3002019).
         """
         w = self.without_laws
-        covariance, _ = w._estimated(jacobian)
-        count = len(w.modes)
-        inner = np.eye(count + len(jacobian))
-        inner[count:, count:] = -covariance
-        return w._spread(np.concatenate([w.modes, w._fields(jacobian)]), inner)
+        walls, rest = w.modes[: w.shared][w.of_walls], w._without(w.of_walls)
+        columns = rest.whiten(jacobian) if len(jacobian) else np.zeros((0, w.valid.size))
+        columns = np.concatenate([columns, rest.rewhitened(w.mode_innovations[: w.shared][w.of_walls])])
+        prior = np.append(np.zeros(len(jacobian)), np.ones(len(walls)))
+        covariance = np.linalg.pinv(columns @ columns.T + np.diag(prior), rcond=1e-12, hermitian=True)
+        fields = np.concatenate([rest.modes, w._fields(jacobian), walls])
+        inner = np.eye(len(fields))
+        inner[len(rest.modes) :, len(rest.modes) :] = -covariance
+        return rest._spread(fields, inner)
 
     def expected_unseen(self, fit: "Whitener", jacobian: Array) -> "Expected":
         """What `error` would be of a right model in values that its fit has not seen.

@@ -198,7 +198,7 @@ class OnPaths:
             return InitialRow(values=values, rms_mm=None, raw_rms_mm=None)
         w, residual = judged.whitener, self.bench.targets.value - u
         rms_mm = w.rms(residual, bound=PLAUSIBLE)
-        return InitialRow(values=values, rms_mm=rms_mm, raw_rms_mm=w.error(residual))
+        return InitialRow(values=values, rms_mm=rms_mm, raw_rms_mm=w.error_beside_walls(residual))
 
     def constants(self, theta: Array) -> Constants:
         """The constants from the free ones (d,) and those held at a value."""

@@ -137,7 +137,8 @@ class Protocol:
         pressure = TOP * np.interp(time % PERIOD, corner, share)
         turned = 0.5 * (PERIOD - AFTER[-1] - LATER[0])  # half way between the last step and the next
         turn = np.minimum(((time + turned) // PERIOD).astype(int), self.recordings - 1)
-        return Path(time, pressure, self.steps, gravity=self.weighed * G * self.ways[turn], settled=self.weighed)
+        weight = self.weighed * G * self.ways[turn]
+        return Path(time, pressure, self.steps, gravity=weight, settled=self.weighed)
 
 
 PROTOCOLS = {

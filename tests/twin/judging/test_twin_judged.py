@@ -11,7 +11,7 @@ import pytest
 from calibrate import Fit
 from calibrate.parameters import Parameter
 from twin.effects.protocol import Effect, Unsolvable
-from twin.judging.fitting import ModelErrors, noise_of
+from twin.judging.fitting import ModelErrors, fit_unweighted, noise_of
 from twin.judging.judged import TURNS, Judged, _End, _Task, judge, judge_base, judge_fit
 from twin.judging.whitening import whitener
 from twin.targets import Array, KnownValue, Noise, Targets
@@ -130,6 +130,19 @@ def test_an_unweighted_base_fit_is_kept_where_shared_errors_would_pay(draw: Call
     right, same = judged(shared, start), judge_base(Spring(shared), shared, starts=start)  # type: ignore[arg-type]
     assert right.comparison.adequate
     assert np.all(np.abs(same.theta - right.theta) < 0.2 * right.fit.sd)
+
+
+def test_an_unweighted_base_fit_is_kept_where_shared_errors_pay_in_the_end_alone(
+    draw: Callable[..., Targets], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    t = draw(0.3, 5.0)
+    mode = np.linspace(0.0, 1.0, 8)[:, None, None] * np.where(t.fixed, 0.0, 1.0)[:, None] * np.array([0.0, 0.0, 0.01])
+    missing = replace(t, modes=mode[None], mode_names=("scale",), value=t.value - 20 * mode)
+    spring, start = Spring(missing), np.array([0.3, 5.0])
+    unweighted = fit_unweighted(spring, missing, start=start, seed=0)  # type: ignore[arg-type]
+    monkeypatch.setattr(_Task, "first", lambda task, _: task._at(unweighted))  # a descent that goes nowhere
+    assert not judge(spring, missing, starts=start, turns=0).comparison.beyond  # type: ignore[arg-type]
+    np.testing.assert_array_equal(judge_base(spring, missing, starts=start).theta, unweighted.theta)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

@@ -175,11 +175,13 @@ def left_by_a_fit(w: Whitener, t: Targets, gauge: Array, jacobian: Array) -> Arr
     noise, _ = drawn(t, gauge, DRAWS, seed=8)
     columns = w.whiten(jacobian)
     found = w.whiten(noise) @ columns.T @ np.linalg.inv(columns @ columns.T)
-    return np.array([w.error(row) for row in noise - np.tensordot(found, jacobian, 1)])
+    return np.array([w.error_beside_walls(row) for row in noise - np.tensordot(found, jacobian, 1)])
 
 
-def test_a_right_model_misses_by_what_is_expected_after_its_fit(targets: Targets) -> None:
+@pytest.mark.parametrize("tilt", ["tilt", "wall:bottom_wall_mm"])
+def test_a_right_model_misses_by_what_is_expected_after_its_fit(targets: Targets, tilt: str) -> None:
     gauge = gauge_of(targets)
+    targets = replace(targets, mode_names=("scale", tilt))
     w = whitener(targets, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
     jacobian = 3 * targets.modes[:1]
     found, errors = w.expected_after(jacobian), left_by_a_fit(w, targets, gauge, jacobian)
@@ -189,6 +191,9 @@ def test_a_right_model_misses_by_what_is_expected_after_its_fit(targets: Targets
     inside = (found.low_mm < errors) & (errors < found.high_mm)
     assert 0.92 <= inside.mean() <= 0.98
     assert (errors > found.high_mm).any()
+    # a wall is as thick as the film has it: then its tolerance is no error of a right model
+    picture = replace(w, names=("scale", "tilt")).expected_after(jacobian)
+    assert (found.rms_mm < 0.9 * picture.rms_mm) == tilt.startswith("wall:")
 
 
 def test_of_values_that_no_fit_has_seen_more_is_expected(targets: Targets) -> None:
