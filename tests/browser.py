@@ -130,6 +130,15 @@ class Browser:
                   " if (!b) return false; b.click(); return true; })()")  # fmt: skip
         assert self.value(script), f"no button {text!r}"
 
+    def fill(self, words: str, text: str) -> None:
+        """Type into the field whose label, or the words beside it, end with these."""
+        script = (f"(() => {{ const f = [...document.querySelectorAll('.q-field, .nicegui-row')].filter(f => f.querySelectorAll('input').length === 1"
+                  f" && f.innerText.trim().endsWith({json.dumps(words)})).pop(); if (!f) return false; const i = f.querySelector('input');"
+                  " i.focus(); i.select(); return true; })()")  # fmt: skip
+        assert self.value(script), f"no field {words!r}"
+        self.ask("Input.insertText", text=text)
+        self.value("document.activeElement.blur()")
+
     def photograph(self) -> np.ndarray:
         """What the page shows now (h, w, 3), RGB; one black pixel while it shows nothing yet."""
         png = self.ask("Page.captureScreenshot", format="png").get("data")

@@ -53,6 +53,11 @@ class Desk:
         return sight_of(self.proposal, self.camera)
 
     @property
+    def has_outline(self) -> bool:
+        """Whether the outline can be laid over the picture."""
+        return self.sight is not None and self.contour is not None
+
+    @property
     def svg(self) -> str:
         """Tags and outline over the picture."""
         film, sight = self.draft.found.film, self.sight
@@ -68,6 +73,16 @@ class Desk:
         names = {p.marker: p.name for p in self.proposal.config.points if p.marker is not None}
         tags = tags_svg(film, self.proposal.roles, names, width=self.width, selected=self.selected)
         return drawn + tags
+
+
+def numbers_of(desk: Desk) -> dict[str, Any]:
+    """Where the body stands, its dimensions, and what is measured with a ruler, by the keys of twin.toml."""
+    draft, board = desk.draft, desk.draft.found.board
+    own = {} if draft.dimensions is None else draft.dimensions.model_dump()
+    pose = draft.pose.model_dump(include={"x_mm", "z_mm", "turn_deg"})
+    across, upright = draft.stated.frame.ruler_mm or (None, None)
+    sides = {} if board is None else {"square_mm": board.square_mm, "marker_mm": board.marker_mm}
+    return {**own, **pose, **sides, "across": across, "upright": upright}
 
 
 def desk_of(draft: SetupDraft, *, width: int) -> Desk:

@@ -47,6 +47,11 @@ class SetupDraft:
         return self.stated.model.dimensions
 
     @property
+    def has_printed_sheet(self) -> bool:
+        """Whether the frame in the folder is one that was printed, not one that pictures have measured."""
+        return self.sheet is not None and self.sheet.ruler_mm is not None
+
+    @property
     def start(self) -> float | None:
         """When the film starts on the log's clock, s: as shifted, else as its motion tells."""
         return self.found.start_s if self.start_s is None else self.start_s
@@ -80,9 +85,10 @@ def draft_of(root: Path, template: Config) -> SetupDraft:
 
 
 def with_loose(draft: SetupDraft) -> SetupDraft:
-    """The draft with the places of loose markers, as pictures of rig and board together tell them."""
+    """The draft with the places of loose markers, as pictures of rig and board together tell them; of a
+    printed sheet none are wanted."""
     found = draft.found
-    if not found.rig or found.film is None or found.board is None:
+    if draft.has_printed_sheet or not found.rig or found.film is None or found.board is None:
         return draft
     from twin.inputs.looseframe import measured
 

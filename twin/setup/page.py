@@ -31,6 +31,8 @@ class Page:
         self.is_checking = False
         self.changes = 0
         self.checks = asyncio.Lock()
+        self.fields: dict[str, Any] = {}  # of the numbers of a desk
+        self.buttons: dict[str, tuple[Any, Callable[[SetupDraft], bool]]] = {}  # shown while they are wanted
         self.overlay: Any = None
         self.chart: Any = None
 
@@ -39,13 +41,15 @@ class Page:
     def to(self, desk: Desk) -> None:
         """Show another desk, and check it soon."""
         before, self.desk = self.desk, desk
-        self.draw()
+        self.draw(before)
         if desk.fault:
             self.notify(desk.fault, kind="negative")
-        for shown in (self.state, self.tag, self.place, self.wanted):
+        for shown in (self.state, self.tag, self.wanted):
             shown.refresh()
-        if desk.draft.stated.model != before.draft.stated.model or desk.fault or before.drag:
+        if desk.draft.stated.model.kind != before.draft.stated.model.kind:
             self.body.refresh()
+        if desk.has_outline != before.has_outline:
+            self.place.refresh()
         self.draw_clock()
         self.changes += 1
         self.check_soon()
@@ -55,13 +59,15 @@ class Page:
         self.to(desks.changed(self.desk, change))
 
     async def long_step(self, change: Callable[[SetupDraft], SetupDraft]) -> None:
-        """Do a step that takes seconds."""
-        desk = await run.io_bound(desks.changed, self.desk, change)
-        if desk is None:  # the server ends
-            return
-        self.to(desk)
-        self.recordings.refresh()
-        self.measures.refresh()
+        """Do a step that takes seconds, again where something else was changed meanwhile."""
+        while True:
+            before = self.desk
+            desk = await run.io_bound(desks.changed, before, change)
+            if desk is None:  # the server ends
+                return
+            if before is self.desk:
+                self.to(desk)
+                return
 
     def mouse(self, event: Any) -> None:
         """Take, drag and let go what is in the picture."""
@@ -75,10 +81,9 @@ class Page:
         else:
             self.to(desks.released(self.desk))
             return
-        self.desk = desk
-        self.draw()
+        before, self.desk = self.desk, desk
+        self.draw(before)
         self.tag.refresh()
-        self.place.refresh()
 
     def shift(self, start_s: float) -> None:
         """Shift the film, unless it is there already."""
@@ -119,7 +124,7 @@ class Page:
             self.is_checking = False
             if said is not None and now == self.changes:
                 self.lines, self.wrong = said
-                self.draw()
+                self.draw(self.desk)
             self.checked.refresh()
 
     # -- what is shown ---------------------------------------------------------------------------------------
@@ -160,10 +165,17 @@ class Page:
         self.tag()
         self.place()
 
-    def draw(self) -> None:
-        """Draw tags and outline as the desk has them."""
+    def draw(self, before: Desk) -> None:
+        """Draw tags and outline as the desk has them, and change the numbers that are others than before: in
+        the other fields somebody may be typing. Show the buttons that are wanted."""
         if self.overlay is not None:
             self.overlay.set_content(self.desk.svg)
+        former = desks.numbers_of(before)
+        for key, value in desks.numbers_of(self.desk).items():
+            if key in self.fields and value != former.get(key):
+                self.fields[key].set_value(value)
+        for button, is_wanted in self.buttons.values():
+            button.set_visibility(is_wanted(self.desk.draft))
 
     def build_clock(self) -> None:
         """Log and motion over each other, with a slider for the film's start."""

@@ -21,6 +21,7 @@ from twin.setup.draft import (
     with_pose,
     with_rulers,
 )
+from twin.setup.proposal import is_body_stated
 from twin.setup.recordedpictures import as_url, headings_of_log, recorded_pictures, said_of_log
 from twin.setup.svglayers import COLOURS
 
@@ -31,6 +32,7 @@ ABOUT: dict[Role, str] = {
     "frame": "defines the axes, six or more", "fixed": "must show no motion, four or more",
     "clamp": "on the clamp, at a known place", "finger": "is measured", "ignore": "is left out",
 }  # fmt: skip
+RIGHT = "these are right"
 UNSAID = "as its heading says"
 UNITS = ("MPa", "kPa", "Pa", "hPa", "bar", "mbar", "psi")
 
@@ -43,10 +45,18 @@ def title(text: str, about: str = "") -> None:
             ui.label(about).classes("text-sm text-gray-600")
 
 
-def number(label: str, value: float | None, then: Callable[[float], Any], *, step: float = 0.1) -> None:
-    """A number to be typed; `then` has it when its field is left."""
-    field = ui.number(label, value=value, step=step).classes("w-24").props("dense")
-    field.on("change", lambda: None if field.value is None else then(field.value))
+def number(page: "Page", key: str, then: Callable[[Any], Any], *, label: str = "", step: float = 0.1) -> None:
+    """A number of the desk, to be typed; `then` has it when its field is left. It goes back where it cannot
+    be."""
+    field = ui.number(label, value=desks.numbers_of(page.desk)[key], step=step).classes("w-24").props("dense")
+    page.fields[key] = field
+
+    def done() -> None:
+        if field.value is not None:
+            then(field.value)
+        field.set_value(desks.numbers_of(page.desk)[key])
+
+    field.on("change", done)
 
 
 def state_panel(page: "Page") -> None:
@@ -84,17 +94,15 @@ def _role_button(page: "Page", role: Role, *, is_own: bool) -> None:
 
 def place_panel(page: "Page") -> None:
     """Where the outline stands, in numbers."""
-    desk, pose = page.desk, page.desk.draft.pose
-    if desk.sight is None or desk.contour is None:
+    if not page.desk.has_outline:
         ui.label("The outline is shown once the places of four frame markers are known.").classes("text-sm")
         return
     with ui.row().classes("items-center gap-3"):
         ui.label("The clamped end stands at").classes("text-sm")
         for key, text in (("x_mm", "x, mm"), ("z_mm", "z, mm"), ("turn_deg", "turn, degrees")):
-            number(text, getattr(pose, key), partial(_place, page, key))
-        if desk.draft.stated.pose is not None:
-            back = ui.button("back to 0", on_click=lambda: page.step(lambda draft: with_pose(draft, None)))
-            back.props("outline dense no-caps")
+            number(page, key, partial(_place, page, key), label=text)
+        _sometimes(page, "pose", "back to 0", lambda draft: with_pose(draft, None),
+                   lambda draft: draft.stated.pose is not None)  # fmt: skip
 
 
 def _place(page: "Page", key: str, value: float) -> None:
@@ -164,6 +172,7 @@ def _log_fields(page: "Page", draft: SetupDraft) -> None:
             await page.long_step(lambda draft: with_log(
                 draft, column=heading.value or None, unit=of_unit.value or None, top_kPa=top.value or None
             ))  # fmt: skip
+            page.recordings.refresh()
 
         ui.button("read it so", on_click=read).props("outline dense no-caps")
 
@@ -176,34 +185,38 @@ def measures_panel(page: "Page") -> None:
         title("Measured with a ruler")
         with ui.row().classes("gap-3"):
             if (board := draft.found.board) is not None:
-                sides = {"square_mm": ("square of the board, mm", board.square_mm),
-                         "marker_mm": ("its marker, mm", board.marker_mm)}  # fmt: skip
-                _together(page, sides, with_board, slow=True)
-            if draft.sheet is not None and draft.sheet.ruler_mm is not None:
-                said = draft.stated.frame.ruler_mm or (None, None)
-                rulers = {"across": ("ruler across, mm", said[0]), "upright": ("ruler upright, mm", said[1])}
-                _together(page, rulers, with_rulers)
-        if isinstance(draft.loose, Measured) and (draft.sheet is None or draft.sheet.ruler_mm is None):
+                sides = {"square_mm": "square of the board, mm", "marker_mm": "its marker, mm"}
+                _together(page, sides, with_board)
+                as_found = partial(with_board, square_mm=board.square_mm, marker_mm=board.marker_mm)
+                _sometimes(page, "board", RIGHT, as_found, lambda draft: not draft.board_measured)
+            if draft.has_printed_sheet:
+                _together(page, {"across": "ruler across, mm", "upright": "ruler upright, mm"}, with_rulers)
+        if isinstance(draft.loose, Measured):
             _axes_fields(page, draft, draft.loose)
 
 
-def _together(
-    page: "Page", fields: Mapping[str, tuple[str, float | None]], step: Callable[..., SetupDraft], *,
-    slow: bool = False,
-) -> None:
-    """Numbers of one step, which is done when all are typed; slow: one that takes seconds."""
-    typed = {key: ui.number(label, value=value, step=0.1) for key, (label, value) in fields.items()}
+def _sometimes(
+    page: "Page", key: str, text: str, step: Callable[[SetupDraft], SetupDraft],
+    wanted: Callable[[SetupDraft], bool],
+) -> None:  # fmt: skip
+    """A button that does a step, shown as long as it is wanted."""
+    button = ui.button(text, on_click=lambda: page.long_step(step)).props("outline dense no-caps")
+    page.buttons[key] = button, wanted
+    button.set_visibility(wanted(page.desk.draft))
+
+
+def _together(page: "Page", labels: Mapping[str, str], step: Callable[..., SetupDraft]) -> None:
+    """Numbers of one step, which is done when all are typed."""
+    numbers = desks.numbers_of(page.desk)
+    fields = {key: ui.number(label, value=numbers[key], step=0.1) for key, label in labels.items()}
+    page.fields |= fields
 
     async def done() -> None:
-        values = {key: field.value for key, field in typed.items()}
-        if None in values.values():
-            return
-        if slow:
+        values = {key: field.value for key, field in fields.items()}
+        if None not in values.values():
             await page.long_step(lambda draft: step(draft, **values))
-        else:
-            page.step(lambda draft: step(draft, **values))
 
-    for field in typed.values():
+    for field in fields.values():
         field.classes("w-40").props("dense").on("change", done)
 
 
@@ -233,8 +246,11 @@ def body_panel(page: "Page") -> None:
         if own is None:
             ui.label("A deck has its own.").classes("text-sm")
             return
-        ui.select(list(BODIES), value=kind, label="kind of body", on_change=lambda event: page.step(
-            lambda draft: with_body(draft, event.value))).classes("w-40").props("dense")  # fmt: skip
+        with ui.row().classes("gap-3 items-end"):
+            ui.select(list(BODIES), value=kind, label="kind of body", on_change=lambda event: page.step(
+                lambda draft: with_body(draft, event.value))).classes("w-40").props("dense")  # fmt: skip
+            usual = partial(with_body, kind=kind)
+            _sometimes(page, "body", RIGHT, usual, lambda draft: not is_body_stated(draft))
         for key, field in type(own).model_fields.items():
             with ui.row(wrap=False).classes("items-center gap-3"):
                 _dimension(page, key, getattr(own, key), get_args(field.annotation))
@@ -249,4 +265,4 @@ def _dimension(page: "Page", key: str, value: Any, choices: tuple[Any, ...]) -> 
                   ).classes("w-24").props("dense")  # fmt: skip
         return
     kind, step = (int, 1.0) if isinstance(value, int) else (float, 0.1)
-    number("", value, lambda new: page.step(lambda draft: with_dimension(draft, key, kind(new))), step=step)
+    number(page, key, lambda new: page.step(lambda draft: with_dimension(draft, key, kind(new))), step=step)

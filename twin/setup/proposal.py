@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from twin import files
-from twin.bodies.kinds import BODIES
 from twin.inputs.foundrecordings import Tags
 from twin.messages import Say
 from twin.project.config import Config, usual_objective
@@ -88,7 +87,7 @@ class Proposal:
         draft, found = self.draft, self.draft.found
         clock = found.of_clock if draft.start_s is None else ()
         lines = [*found.missing, *found.of_log, *clock, *self.unclear]
-        lines += [DIMENSIONS] if _undecided_body(draft) else []
+        lines += [] if is_body_stated(draft) else [DIMENSIONS]
         return lines + ([SQUARE] if found.board is not None and not draft.board_measured else [])
 
 
@@ -134,10 +133,10 @@ def _nobodys(draft: SetupDraft, film: Tags, roles: dict[int, Role]) -> list[str]
     ]  # fmt: skip
 
 
-def _undecided_body(draft: SetupDraft) -> bool:
-    """Whether nobody has stated the body's dimensions."""
+def is_body_stated(draft: SetupDraft) -> bool:
+    """Whether somebody has stated the body's dimensions."""
     model = draft.stated.model
-    return model.kind != "deck" and model.dimensions == BODIES[model.kind]()
+    return model.kind == "deck" or getattr(model, model.kind) is not None
 
 
 def said_of(proposal: Proposal) -> list[str]:

@@ -43,10 +43,9 @@ class RigFrame:
 
 def rig_frame(draft: SetupDraft, film: Tags) -> RigFrame:
     """The frame of a draft: the printed sheet where there is one, else loose markers, else typed places."""
-    sheet = draft.sheet
-    if draft.found.rig and (sheet is None or sheet.ruler_mm is None):
+    if draft.found.rig and not draft.has_printed_sheet:
         return _loose(draft, film)
-    return _typed(draft, film) if sheet is None else _printed(draft, film, sheet)
+    return _typed(draft, film) if draft.sheet is None else _printed(draft, film, draft.sheet)
 
 
 def _printed(draft: SetupDraft, film: Tags, sheet: SheetTable) -> RigFrame:

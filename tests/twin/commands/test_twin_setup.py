@@ -235,6 +235,14 @@ def test_the_page_in_a_browser(require, folder, served, tmp_path):
         browser.press("ignore")
         browser.drag(at(640, 118), at(610, 133))  # the outline, at the clamp: 30 px to the left, 15 down
         browser.until("back to 0")
+        browser.press("these are right")  # the square of the board
+        browser.fill("length of solid silicone at the clamp, mm", "10")  # one after the other, none is lost
+        browser.fill("thickness of the pleated top wall, mm", "2.7")
+        browser.fill("ruler across, mm", "249.9")
+        browser.fill("ruler upright, mm", "160")
+        browser.until("Nothing is left to state")
+        browser.fill("number of pleats (bellows)", "60")
+        browser.until("model.finger.pleats = 60: each is")
         browser.until("5 fixed ones", wait_s=LONG_S)  # the check has run again
         assert listing(folder) == before  # nothing is written until it is asked for
         browser.press("Write twin.toml")
@@ -248,5 +256,8 @@ def test_the_page_in_a_browser(require, folder, served, tmp_path):
     assert {str(k) for k in written} == {"raw", "twin.toml", "raw/frame.toml", "raw/frame-0001.toml"}
     project = Project.open(folder)
     assert 40 not in [m.marker for m in project.config.frame.markers]
+    own, board = project.config.model.finger, project.config.cameras[0].board
+    assert (own.base_cap_mm, own.top_wall_mm, own.pleats, board.square_mm) == (10.0, 2.7, 9, 15.0)
+    assert project.config.frame.ruler_mm == (249.9, 160.0)
     pose = project.config.pose
     assert (pose.x_mm, pose.z_mm) == pytest.approx((10.0, -5.0), abs=0.6)  # the finger points to the left

@@ -253,6 +253,17 @@ def test_what_a_ruler_measures(desk):
     assert "square_mm" in changed(after, lambda draft: with_board(draft, square_mm=-1.0, marker_mm=None)).fault
 
 
+def test_what_stands_there_can_be_right(desk):
+    after = changed(desk, lambda draft: with_body(draft, "finger"))
+    assert "model.finger" in " ".join(desk.proposal.wanted)
+    assert "model.finger" not in " ".join(after.proposal.wanted)
+    assert "\n[model.finger]\nlength_mm = 110.0" in after.proposal.text
+    board = desk.draft.found.board
+    after = changed(after, lambda draft: with_board(draft, square_mm=board.square_mm, marker_mm=board.marker_mm))
+    assert after.draft.found.board == board
+    assert after.proposal.wanted == [line for line in desk.proposal.wanted if line.startswith(("ruler_mm", "Tags"))]
+
+
 def test_another_body_has_another_outline(desk):
     after = changed(desk, lambda draft: with_body(draft, "tube"))
     assert after.proposal.config.model.kind == "tube"
