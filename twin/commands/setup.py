@@ -28,6 +28,7 @@ def run_setup(
     root = folder.resolve()
     if not root.is_dir():
         raise ValueError(f"{folder}: no such folder; wanted the one with the recordings")
+    say.progress("looking at the recordings", 0, 1)
     proposal = proposed(draft_of(root, film_config(named_after(root))))
     wanted = _told(proposal, say, written=yes)
     result: dict[str, Any] = {"stage": "setup", "status": "done", "project": str(folder), "wanted": wanted}
