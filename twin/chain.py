@@ -129,7 +129,7 @@ COMMANDS = (
         name="measure", title="Measure the displacements in the film, with their uncertainty.",
         reads=("[cameras]", "[films]", "[pressure]", "[import]", "[measure]", "[frame]", "[points]", "[dic]",
                "raw/film", "camera.json"),
-        writes=(TARGETS, "tracks.npz", "overlay.png", "budget.csv"),
+        writes=(TARGETS, "tracks.npz", "overlay.png", "outline.png", "budget.csv"),
         group=Group.MEASURE, function="twin.commands.measure:run_measure", skips=True,
     ),
     Stage(

@@ -111,6 +111,12 @@ class PointTable(MarkTable):
 class PoseTable(TableModel):
     """Where the body stands in the axes of the frame markers."""
 
+    source: Literal["here", "outline"] = Field(
+        default="here",
+        alias="from",
+        description="outline: the outline of the finger at rest tells where it stands, and x_mm, z_mm and "
+        "turn_deg are where it is looked for",
+    )
     x_mm: Length = Field(default=0.0, description="x of the middle of the clamped end's bottom, mm")
     z_mm: Length = Field(default=0.0, description="z of it, mm")
     turn_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
@@ -118,3 +124,7 @@ class PoseTable(TableModel):
     )
     sd_mm: NotNegative = Field(default=0.3, description="error of x and of z, mm")
     turn_sd_deg: NotNegative = Field(default=0.3, description="error of the turn, degrees")
+    edge_sd_mm: Positive = Field(
+        default=0.05,
+        description="distance of the edge that is seen from the finger's, by light and round corners, mm",
+    )

@@ -49,6 +49,16 @@ def value(best: Any, low: Any, high: Any) -> str:
     return f"{best:.{_digits(low, high)}f}"
 
 
+def with_sd(number: float, sd: float) -> str:
+    """A number with its sd, both to the digits that the sd has.
+
+    >>> with_sd(111.8234, 0.1234), with_sd(-0.0004, 0.31)
+    ('111.82 +- 0.12', '0.00 +- 0.31')
+    """
+    digits = _digits(0.0, sd)
+    return f"{round(number, digits) + 0.0:.{digits}f} +- {sd:.{digits}f}"
+
+
 def probability(p: Any) -> str:
     """A probability with two digits; a bound where it is too small to print.
 

@@ -20,6 +20,7 @@ from twin.gauge.synchrony import Join, Motion
 from twin.inputs.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.films import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
 from twin.inputs.filmtargets import make_targets, read_late, said_of_log_rate, said_of_readout
+from twin.inputs.outlines import SeenOutline, outline_tells, seen_outline
 from twin.inputs.recordings import (
     face_of,
     gauge_of,
@@ -42,7 +43,7 @@ from twin.project.targetfiles import read_targets, write_targets
 from twin.targets import Targets
 
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
-    from vision import Displacements, Video
+    from vision import Displacements, Video, View
 
 STRAIN_STEPS = 20  # times of the strain field that ParaView gets, evenly
 STRAIN_SHOWN = 300  # those that the review shows
@@ -82,6 +83,7 @@ class _Measured:
     gauge: GaugeNoise
     join: Join
     remarks: tuple[str, ...]  # on the log, and on how the motion goes with it
+    outline: SeenOutline | None  # of the finger at rest
 
 
 def run_measure(
@@ -240,12 +242,16 @@ def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
         say(sentence)
     pressure = pressure_table(project)
     log = log_of(project, pressure)
+    outline = _outline(project, views, run)
+    pose = errors = None
+    if outline is not None and outline_tells(project):
+        pose, errors = outline.found.pose, outline.errors
 
     @cache
     def moved() -> "Displacements":
         return measure(
-            views, marks_of(project), reference=settings.reference_s, rig=rig, face=face_of(project),
-            dictionary=dictionary_name(project, table.dictionary), stated=stated_of(project),
+            views, marks_of(project, pose), reference=settings.reference_s, rig=rig, face=face_of(project),
+            dictionary=dictionary_name(project, table.dictionary), stated=stated_of(project, errors),
             steps=settings.steps, progress=say.progress, keeper=FollowedFiles(run.folder),
         )  # fmt: skip
 
@@ -257,7 +263,25 @@ def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
     agrees = check_agrees(motion, log, join.start_s, stated=pressure.join == "stamps")
     late, note = check_clock(motion, log, join, by=pressure.join)
     run.note(note)
-    return _Measured(views[0].film, moved(), log, gauge, join, (*log_remarks, *(agrees or late)))
+    return _Measured(views[0].film, moved(), log, gauge, join, (*log_remarks, *(agrees or late)), outline)
+
+
+def _outline(project: Project, views: "Sequence[View]", run: Run) -> SeenOutline | None:
+    """What the outline of the finger at rest tells, drawn into the run; None where it tells nothing.
+    ValueError where it is to tell the pose."""
+    if len(views) > 1:
+        return None
+    try:
+        outline = seen_outline(project, camera_table(project), views[0].film, views[0].camera)
+    except ValueError as error:
+        if outline_tells(project):
+            raise
+        run.note(f"The outline is not compared with the model: {error}.")
+        return None
+    run.write_bytes("outline.png", outline.drawn())
+    for sentence in outline.told:
+        run.note(sentence)
+    return outline
 
 
 def _even(moved: "Displacements", most: int) -> NDArray[np.bool_]:
@@ -380,8 +404,9 @@ def _summary(targets: Targets, measured: _Measured, remarks: tuple[str, ...]) ->
         "codec_sd_mm": dict(zip(moved.names, noise.codec_sd, strict=True)),
         "remarks": [
             *moved.lost, *moved.remarks, *filter(None, (gauge.remark, measured.join.remark)),
-            *measured.remarks, *remarks,
+            *measured.remarks, *remarks, *(measured.outline.wrong if measured.outline else ()),
         ],
+        **({"outline": measured.outline.summary} if measured.outline else {}),
     }  # fmt: skip
 
 

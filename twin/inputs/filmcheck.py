@@ -71,8 +71,23 @@ def check_films(project: Project, log: Log, say: Say, *, draws: bool = True) -> 
             _draw(project, table, marks, film, picture, say)
         corrections_of(project, table)  # names the line that is not right
         look = _Look(project, table, marks, lens_of(project, table), film, static)
-        for sentence in (*film.issues, *static.issues, *_findings(look, log)):
+        for sentence in (*film.issues, *static.issues, *_findings(look, log), *_outlined(look)):
             say(sentence)
+
+
+def _outlined(look: _Look) -> tuple[str, ...]:
+    """Sentences on the finger's outline at rest; ValueError where it is to tell the pose, and does not."""
+    from twin.inputs.outlines import outline_tells, seen_outline
+
+    if len(look.project.config.cameras) > 1:
+        return ()
+    try:
+        outline = seen_outline(look.project, look.table, look.film, look.camera)
+    except ValueError as error:
+        if outline_tells(look.project):
+            raise
+        return (f"The outline is not compared with the model: {error}.",)
+    return (*outline.told, *outline.wrong)
 
 
 def _draw(

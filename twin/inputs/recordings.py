@@ -27,12 +27,15 @@ from twin.project.cameratables import CameraTable
 from twin.project.folder import Project
 from twin.targets import Array, Targets
 
+Rows = tuple[tuple[float, float, float], ...]
+
 if TYPE_CHECKING:  # vision takes a second to import: only the stages that measure pay for it
     from vision import Mark, Stated, View
     from vision.calibration.rig import Rig
     from vision.following.corrections import Correction
     from vision.kinds import MarkKind
     from vision.measuring.face import Face
+    from vision.placing.restplaces import BodyPose
 
 
 def pressure_table(project: Project) -> PressureTable:
@@ -72,14 +75,16 @@ def recorded(project: Project, key: str, pattern: str) -> list[Path]:
     return paths
 
 
-def marks_of(project: Project) -> list["Mark"]:
+def marks_of(project: Project, pose: "BodyPose | None" = None) -> list["Mark"]:
     """Every marker with the centre that twin.toml states, (3,) mm in the axes of the finger: those of the
     frame, and the finger's; of a point that states none, its node's, or, without a node, on the side face,
-    measured. ValueError where a stated one lies far from the finger."""
+    measured. ValueError where a stated one lies far from the finger.
+
+    pose: where the finger stands, if that is not what twin.toml states.
+    """
     from twin.bench.workbench import one_side, places_of, structure_of
     from twin.calibrated.positions import position_of, side_of
     from vision import Mark
-    from vision.placing.restplaces import BodyPose
 
     marks = [Mark(m.name, mark_kind(m), m.position_mm, m.role) for m in project.config.frame.markers]
     structure = None
@@ -96,8 +101,15 @@ def marks_of(project: Project) -> list["Mark"]:
                 x, y, z = (float(v) for v in position_of(point, structure))
             position = (x, -abs(y) if behind else y, z)  # on the side that the camera sees
         marks.append(Mark(point.name, mark_kind(point), position, "finger", measured=point.is_measured))
+    return (stated_pose(project) if pose is None else pose).in_body(marks)
+
+
+def stated_pose(project: Project) -> "BodyPose":
+    """Where twin.toml says that the finger stands."""
+    from vision.placing.restplaces import BodyPose
+
     pose = project.config.pose or PoseTable()
-    return BodyPose(pose.x_mm, pose.z_mm, math.radians(pose.turn_deg)).in_body(marks)
+    return BodyPose(pose.x_mm, pose.z_mm, math.radians(pose.turn_deg))
 
 
 def mark_kind(mark: MarkTable) -> "MarkKind":
@@ -191,9 +203,12 @@ def face_of(project: Project) -> "Face | None":
     return None if d is None else Face(d.low_mm, d.high_mm, d.y_mm, d.step_mm, d.subset_mm)
 
 
-def stated_of(project: Project) -> "Stated":
+def stated_of(project: Project, pose_errors: Rows | None = None) -> "Stated":
     """Stated uncertainties of the rig. Where the finger stands has errors where places are measured, or where
-    twin.toml states it: places that are stated from the clamp on define the axes."""
+    twin.toml states it: places that are stated from the clamp on define the axes.
+
+    pose_errors: of a pose that is measured, rows of x in mm, z in mm and turn in rad, 1 sd each.
+    """
     from vision import Stated
 
     settings, pose = project.config.measure, project.config.pose
@@ -202,7 +217,7 @@ def stated_of(project: Project) -> "Stated":
     sds = (pose.sd_mm, pose.sd_mm, math.radians(pose.turn_sd_deg)) if pose else ()
     errors = tuple((sd * (k == 0), sd * (k == 1), sd * (k == 2)) for k, sd in enumerate(sds) if sd)
     return Stated(
-        place_mm=settings.place_sd_mm, pose=errors,
+        place_mm=settings.place_sd_mm, pose=errors if pose_errors is None else pose_errors,
         placement_mm=settings.placement_sd_mm, scale=settings.scale_sd, frame_mm=settings.frame_sd_mm,
         node_mm=settings.node_sd_mm, height_mm=settings.height_sd_mm,
         out_of_plane_mm=settings.out_of_plane_sd_mm,

@@ -432,6 +432,11 @@ def _check_film(c: Config) -> None:
             f'frame.markers: {roles.count("clamp")} with role "clamp"{" and [pose]" if c.pose else ""}; '
             "wanted two or more, which tell where the finger stands, or [pose], which states it"
         )
+    if c.pose is not None and c.pose.source == "outline" and len(c.cameras) > 1:
+        raise ValueError(
+            f'pose.from = "outline" with {len(c.cameras)} [[cameras]]: wanted one; state x_mm, z_mm and '
+            "turn_deg, or leave out the other cameras"
+        )
     roles = ["fixed" if role == "clamp" else role for role in roles]
     read = bool(roles) or c.frame.sheet is None  # else the sheet's own are still to be read
     for role, least in (("frame", 6), ("fixed", 4)):

@@ -1,0 +1,215 @@
+"""The outline of a project's model against what the film shows of the finger at rest: where it stands, and
+whether its dimensions are right."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fe import Case
+from fe.element import Integers
+from fe.mesh.mirror import symmetry_support
+from twin.bench.workbench import body_of, structure_of, tolerances_of
+from twin.bodies.body import Body
+from twin.bodies.kinds import BodyTable
+from twin.inputs.cameras import dictionary_name
+from twin.inputs.recordings import marks_of, stated_of, stated_pose
+from twin.marktables import PoseTable
+from twin.model.structure import body_case
+from twin.numerals import with_sd
+from twin.project.cameratables import CameraTable
+from twin.project.folder import Project
+from twin.targets import Array
+
+if TYPE_CHECKING:  # vision takes a second to import
+    from vision import Camera, Video
+    from vision.placing.outlines import Outline, Size
+    from vision.placing.silhouettes import Changed, Solid
+
+PARTS = 4  # of a face's side, whose chords stand for its curve
+CHANGE_MM = 0.1  # of a dimension, for its slope
+TYPED_MM = 1.0  # error of a dimension that twin.toml states and the outline shows
+LEAST_SD = 1e-4  # mm and rad: of a pose that is stated as exact
+OFF, LEAST_MM = 3.0, 0.1  # sds from which a dimension is another than stated; what a casting is off anyway
+
+
+@dataclass(frozen=True)
+class SeenOutline:
+    """What the outline of the finger at rest tells."""
+
+    found: "Outline"
+    picture: Array  # (h, w) the film at rest
+    stated: Mapping[str, float]  # dimensions in mm of twin.toml
+
+    @property
+    def wrong(self) -> tuple[str, ...]:
+        """A sentence for each dimension that is not as stated."""
+        return tuple(
+            f"model.{name} = {self.stated[name]:g}, the film shows {_told(self.stated[name], size)}: measure "
+            "it again, or correct twin.toml."
+            for name, size in self._shown.items()
+            if _is_off(size)
+        )
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Sentences on where the finger stands and on the dimensions that are as stated."""
+        pose, (x, z, turn) = self.found.pose, np.sqrt(np.diag(self.found.covariance))
+        place = (
+            f"The outline of the finger at rest is seen at {len(self.found.pixel)} of {self.found.looked} "
+            f"places. By it the finger stands at x = {with_sd(pose.x_mm, x)} mm, z = {with_sd(pose.z_mm, z)} "
+            f"mm, turned by {with_sd(math.degrees(pose.turn), math.degrees(turn))} degrees."
+        )
+        right = [
+            f"{name} = {self.stated[name]:g} ({_told(self.stated[name], size)})"
+            for name, size in self._shown.items()
+            if not _is_off(size)
+        ]
+        return (place, *([f"It shows these dimensions as stated: {', '.join(right)}."] if right else []))
+
+    @property
+    def errors(self) -> tuple[tuple[float, float, float], ...]:
+        """Errors of the pose, 1 sd each: x in mm, z in mm, turn in rad."""
+        from vision.placing.planeerrors import principal
+
+        return tuple((float(x), float(z), float(turn)) for x, z, turn in principal(self.found.covariance))
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """Its numbers for run.json."""
+        pose, sd = self.found.pose, np.sqrt(np.diag(self.found.covariance))
+        return {
+            "places": len(self.found.pixel), "looked": self.found.looked,
+            "pose": {"x_mm": pose.x_mm, "z_mm": pose.z_mm, "turn_deg": math.degrees(pose.turn)},
+            "pose_sd": {"x_mm": sd[0], "z_mm": sd[1], "turn_deg": math.degrees(sd[2])},
+            "sizes_mm": {n: [self.stated[n] + s.off, s.sd] for n, s in self._shown.items()},
+        }  # fmt: skip
+
+    def drawn(self) -> bytes:
+        """The film at rest with the edge of the finger where it was found, as PNG: green where it lies within
+        GOOD_MM of the fitted model's, else red."""
+        import cv2
+
+        from vision.placing.outlines import GOOD_MM
+
+        picture = np.clip(self.picture, 0, 255).astype(np.uint8)
+        large = cv2.resize(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), None, fx=2, fy=2)
+        for (x, y), off in zip(2.0 * self.found.pixel + 0.5, self.found.residual, strict=True):
+            colour = (80, 230, 80) if abs(off) < GOOD_MM else (60, 60, 255)
+            cv2.circle(large, (round(x * 16), round(y * 16)), 24, colour, -1, cv2.LINE_AA, 4)
+        return bytes(cv2.imencode(".png", large)[1])
+
+    @property
+    def _shown(self) -> "dict[str, Size]":
+        return {size.name: size for size in self.found.sizes if size.shown}
+
+
+def _is_off(size: "Size") -> bool:
+    return abs(size.off) > max(OFF * size.sd, LEAST_MM)
+
+
+def _told(stated: float, size: "Size") -> str:
+    return f"{with_sd(stated + size.off, size.sd)} mm"
+
+
+def outline_tells(project: Project) -> bool:
+    """Whether the outline is to tell where the finger stands."""
+    return project.config.pose is not None and project.config.pose.source == "outline"
+
+
+def seen_outline(project: Project, table: CameraTable, film: "Video", camera: "Camera") -> SeenOutline:
+    """The finger at rest in a film, by its outline. ValueError where too little of it is seen."""
+    from vision.placing.outlines import fit_outline, picture_at_rest
+    from vision.placing.restplaces import BodyPose
+
+    pose, sought = project.config.pose or PoseTable(), outline_tells(project)
+    marks = marks_of(project, BodyPose() if sought else None)
+    rest = picture_at_rest(
+        film, camera, marks, dictionary=dictionary_name(project, table.dictionary),
+        reference_s=project.config.measure.reference_s, stated=stated_of(project), edge_mm=pose.edge_sd_mm,
+    )  # fmt: skip
+    clamped = any(mark.role == "clamp" for mark in marks)
+    sd = np.maximum([pose.sd_mm, pose.sd_mm, math.radians(pose.turn_sd_deg)], LEAST_SD)
+    model = ModelOutline.of_project(project)
+    found = fit_outline(
+        rest, model, stated_pose(project) if sought else BodyPose(), prior=None if sought or clamped else sd
+    )
+    stated = {} if model.table is None else {name: float(getattr(model.table, name)) for name in model.known}
+    return SeenOutline(found, rest.picture, stated)
+
+
+@dataclass(frozen=True)
+class ModelOutline:
+    """The surface of a model at rest, with other dimensions than stated."""
+
+    base: Case  # as stated
+    outside: Integers  # its outer faces
+    table: BodyTable | None = None  # its dimensions; a deck has none
+    known: Mapping[str, float] = field(default_factory=dict)  # sd in mm of each of them
+
+    @staticmethod
+    def of_project(project: Project) -> "ModelOutline":
+        """That of a project's model."""
+        structure, body = structure_of(project), body_of(project)
+        if body is None or project.config.model.dimensions is None:
+            return ModelOutline(structure.case, structure.outside)
+        return ModelOutline.of(project.config.model.dimensions, tolerances_of(project, body))
+
+    @staticmethod
+    def of(table: BodyTable, tolerances: Mapping[str, float]) -> "ModelOutline":
+        """That of a body with these dimensions.   tolerances: sd in mm of those of its chamber."""
+        case = body_case(table.body, _fine(table.body))
+        sizes = {name: x for name, x in table.model_dump().items() if isinstance(x, float) and x > 0.0}
+        known = {name: tolerances.get(name, TYPED_MM) for name in sizes}
+        return ModelOutline(case, case.face_nodes("outside"), table, known)
+
+    def __call__(self, off: Mapping[str, float]) -> "Solid":
+        """The surface with dimensions that are off by so many mm."""
+        from vision.placing.silhouettes import Solid
+
+        faces = self._faces(off)
+        return Solid(faces, self.base.nodes[self.base.clamped], partial(self._changed, off, faces))
+
+    def _changed(self, off: Mapping[str, float], faces: Array) -> "tuple[Changed, ...]":
+        """The surface with each of its dimensions changed."""
+        from vision.placing.silhouettes import Changed
+
+        changed = []
+        for name, sd in self.known.items():
+            for mm in (CHANGE_MM, -CHANGE_MM) if sd > 0.0 else ():
+                other = self._faces({**off, name: off.get(name, 0.0) + mm})
+                if other.shape == faces.shape:  # else the lattice has other cells
+                    changed.append(Changed(name, other, mm, sd))
+                    break
+        return tuple(changed)
+
+    def _faces(self, off: Mapping[str, float]) -> Array:
+        case, outside = self.base, self.outside
+        if self.table is not None and off:
+            sizes = {name: getattr(self.table, name) + mm for name, mm in off.items()}
+            case = body_case(self.table.model_copy(update=sizes).body, _fine(self.table.body))
+            outside = case.face_nodes("outside")
+        x = surface(case, outside, PARTS)
+        return x if symmetry_support(case) is None else np.concatenate([x, x * [1.0, -1.0, 1.0]])
+
+
+def _fine(body: Body) -> Any:
+    """The lattice that is finer along the body: its outline is the body's own to 0.01 mm."""
+    return next(iter(body.finer(body.lattice).values()))
+
+
+def surface(case: Case, outside: Integers, parts: int) -> Array:
+    """Corners (f, 3 or 4, 3) mm of a case's outer faces, each side cut into parts on its curve."""
+    n, simplex = np.arange(parts), case.element.simplex
+    i, j = (x.ravel() for x in np.meshgrid(n, n, indexing="ij"))
+    corners = np.stack([(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)], axis=0).transpose(2, 0, 1) / parts
+    if simplex:
+        lower = corners[i + j < parts][:, [0, 1, 3]]
+        corners = np.concatenate([lower, corners[i + j < parts - 1][:, [1, 2, 3]]])
+    else:
+        corners = 2.0 * corners - 1.0
+    shape = case.element.on_face(corners.reshape(-1, 2))[0].reshape(*corners.shape[:2], -1)
+    return np.asarray(np.einsum("qcm,fmx->fqcx", shape, case.nodes[outside]).reshape(-1, corners.shape[1], 3))

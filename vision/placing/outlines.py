@@ -1,0 +1,385 @@
+"""Where a body stands, and how large it is, by its outline in a picture at rest."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from vision.camera import Array, Camera
+from vision.errors.sharederrors import Stated
+from vision.film.video import Video
+from vision.following.edges import edge_places
+from vision.following.firstpictures import first_seen
+from vision.following.markrotations import mean_seen
+from vision.following.reference import reference_frames
+from vision.marks import Mark, frame_places, rows_of
+from vision.perspective import Viewpoint
+from vision.placing.planeerrors import principal
+from vision.placing.restplaces import BodyPose
+from vision.placing.silhouettes import Silhouette, Solid, cut, on_plane, silhouette
+from vision.plane import MIN_VISIBLE, misplaced, plane_of
+
+STEP_PX = 0.25  # along a normal
+SEARCH_MM, SEARCH_TURN = 6.0, np.deg2rad(4.0)  # how far from where it is stated a body is looked for
+# mm, how far from the model's outline the film's is looked for, in turn, and the least sd that judges it
+REACHES = ((2.5, 0.5), (1.2, 0.2), (0.8, 0.1), (0.8, 0.0), (0.8, 0.0), (0.8, 0.0))
+HELD_MM = 2.0  # from where it is clamped the outline is not looked for
+PICTURES = 12  # of the rest
+GOOD_MM, LEAST, SHARE = 0.25, 60, 0.4  # an edge that fits; how many are wanted, and which share of all
+TUKEY = 4.7  # sds from which a place does not count
+FAR_MM = 0.15  # by which a change of the dimensions moves the outline: beyond, it is made anew
+ASIDE_MM, HALF_PX = 0.6, 5.0  # beside the outline, where body and ground are seen; room for an edge
+LOOK = 0.5  # sds of the view, for its slopes
+TURNS = 10  # of the weights
+PIECE_MM, WANDER = 8.0, 0.4  # along the outline, from which to which the edge is off anew, by this share
+ROUND_MM = 1.0  # radius at which blur and casting move an edge by the sd of all edges
+LIKE = 0.1  # correlation of neighbours that still counts
+KNOWN = 0.5  # of what is known before: a dimension whose sd is not below it is not shown
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The picture of a finger at rest, and what is known of the rig."""
+
+    picture: Array  # (h,w), mean of the rest
+    camera: Camera
+    marks: Sequence[Mark]
+    ideal: Array  # (f,2) px of the frame marks
+    frame_mm: float
+    scale: float
+    height_mm: float
+    edge_mm: float  # how far what is seen as edge may lie from the model's, each side of the body alike
+
+
+@dataclass(frozen=True)
+class Size:
+    """A number of the model as the outline shows it."""
+
+    name: str
+    off: float  # from what is stated
+    sd: float
+    shown: bool  # whether the outline tells it: its sd is far below what was known
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A body as its outline shows it."""
+
+    pose: BodyPose
+    covariance: Array  # (3,3) of x mm, z mm, turn rad
+    sizes: tuple[Size, ...]
+    pixel: Array  # (k,2) raw px, of the edge where it was found
+    residual: Array  # (k,) mm, how far outside the fitted model it lies
+    looked: int  # places that were looked at
+
+
+Make = Callable[[Mapping[str, float]], Solid]  # the solid with such changes of its numbers
+
+
+def picture_at_rest(
+    film: Video,
+    camera: Camera,
+    marks: Sequence[Mark],
+    *,
+    dictionary: str,
+    reference_s: float,
+    stated: Stated,
+    edge_mm: float,
+) -> Rest:
+    """The mean picture of a film's rest, with its frame marks by their corners.   edge_mm: as of `Rest`.
+
+    Raises ValueError where too few of them are seen.
+    """
+    frame, _ = rows_of(marks)
+    chosen = reference_frames(film, reference_s)
+    chosen = chosen[np.linspace(0, len(chosen) - 1, min(len(chosen), PICTURES)).astype(int)]
+    pictures = [picture for _, _, picture in film.chosen(chosen)]
+    sought = [marks[p] for p in frame]
+    seen = np.array([first_seen([picture], camera, sought, dictionary)[:, :, 2] for picture in pictures])
+    with np.errstate(invalid="ignore"):
+        ideal = mean_seen(seen[..., :2] / seen[..., 2:])
+    there = np.isfinite(ideal[:, 0])
+    if there.sum() < MIN_VISIBLE:
+        raise ValueError(
+            f"{film.path.name}: {int(there.sum())} frame markers are read at rest, wanted {MIN_VISIBLE} or "
+            "more"
+        )
+    kept = [marks[p] for p, found in zip(frame, there, strict=True) if found]
+    return Rest(np.mean(pictures, axis=0), camera, kept, ideal[there], stated.frame_mm, stated.scale,
+                stated.height_mm, edge_mm)  # fmt: skip
+
+
+class Sight:
+    """The picture at rest, in the plane of the frame marks."""
+
+    def __init__(self, rest: Rest) -> None:
+        self.rest = rest
+        nominal = frame_places(rest.marks)
+        self.plane = plane_of(nominal, rest.ideal[None])
+        self.place, self.steps = _seen_from(rest, nominal)
+        self.view = self.view_of(np.zeros(len(self.steps)))
+        self.plane_mm = float(np.mean([m.position[1] for m in rest.marks if m.role == "frame"]))
+        ends = self.pixels(nominal.mean(axis=0) + np.array([[0.0, 0.0], [1.0, 0.0]]))
+        self.px_per_mm = float(np.linalg.norm(ends[1] - ends[0]))
+
+    def pixels(self, place: Array) -> Array:
+        """Raw pixels (...,2) of places (...,2) mm."""
+        homography = self.plane.homography[0]
+        mapped = place @ homography[:, :2].T + homography[:, 2]
+        return self.rest.camera.distort(mapped[..., :2] / mapped[..., 2:])
+
+    def grey(self, place: Array) -> Array:
+        """Grey levels (...) at places (...,2) mm, of the nearest pixel outside the picture."""
+        x, y = np.moveaxis(self.pixels(place), -1, 0)
+        return np.asarray(map_coordinates(self.rest.picture, [y, x], order=1, mode="nearest"), float)
+
+    def view_of(self, amplitude: Array) -> Viewpoint:
+        """From where the camera looks, off the likeliest place by amplitudes (r,) of the errors of that."""
+        x = self.place + amplitude @ self.steps
+        centre = -np.asarray(cv2.Rodrigues(x[:3])[0]).T @ x[3:]
+        return Viewpoint(centre[[0, 2]], float(centre[1]))
+
+    def flat(self, points: Array, pose: BodyPose, view: Viewpoint | None = None) -> Array:
+        """Places (...,2) mm in the plane of points (...,3) mm of a body that stands so."""
+        return on_plane(points, pose, view or self.view, self.plane_mm)
+
+    def outline(self, solid: Solid, pose: BodyPose, view: Viewpoint | None = None) -> Silhouette:
+        """The outline of a solid that stands so, in the picture and where nothing clamps it."""
+        line = silhouette(self.flat(solid.faces, pose, view))
+        pixel, margin = self.pixels(line.place), 2.0 * self.px_per_mm
+        free: NDArray[np.bool_] = np.all(
+            (pixel > margin) & (pixel < np.array(self.rest.camera.size) - margin), axis=1
+        )
+        if len(solid.held):
+            held = self.flat(solid.held, pose, view)
+            free &= np.array([np.linalg.norm(held - x, axis=1).min() > HELD_MM for x in line.place])
+        return line[free]
+
+    def edges(self, line: Silhouette, sign: float, reach: float, ahead: Array) -> Array:
+        """How far outside an outline the film's edge is (k,) mm, within `reach` of `ahead` (k,) mm."""
+        step = STEP_PX / self.px_per_mm
+        far = max(reach, HALF_PX / self.px_per_mm) + HALF_PX / self.px_per_mm
+        along = np.arange(-far, far + step / 2, step)
+        middle = line.place + ahead[:, None] * line.normal
+        grey = self.grey(middle[:, None] + along[:, None] * line.normal[:, None])
+        return ahead + edge_places(grey, STEP_PX, sign) * step - far
+
+
+def fit_outline(rest: Rest, make: Make, start: BodyPose, *, prior: Array | None = None) -> Outline:
+    """The body's pose and sizes by its outline.
+
+    make: the solid, from how far its numbers are from those stated.   start: the pose round which it is
+    looked for.   prior: (3,) sd of that, mm, mm and rad; None: not known.
+
+    Least squares of the distances along the normals, with Tukey's weights (doi 10.1080/03610927708827533),
+    and all that is uncertain beside them as parameters of known sd. Raises ValueError where too little of the
+    outline is seen.
+    """
+    with np.errstate(under="ignore"):  # of curvatures and slopes that are next to nothing
+        return _fitted(Sight(rest), make, start, prior)
+
+
+def _fitted(sight: Sight, make: Make, start: BodyPose, prior: Array | None) -> Outline:
+    """The body as its outline shows it, as `fit_outline` says."""
+    solid = make({})
+    pose, sign = _searched(sight, sight.outline(solid, start), start)
+    line = sight.outline(solid, pose)
+    first = sight.edges(line, sign, REACHES[0][0], np.zeros(len(line.place)))
+    _check_seen(int(np.isfinite(first).sum()), len(first))
+    count = len(solid.changed)
+    fit = _Fit.of(sight, solid, pose, np.zeros(count + len(sight.steps)), sign)
+    for k, (reach, least) in enumerate(REACHES):
+        fit = fit.solved(reach, least, start, prior)
+        if fit.ahead > FAR_MM and k < len(REACHES) - 1:
+            off = np.where(fit.shown | (np.arange(len(fit.off)) >= count), fit.off, 0.0)
+            solid = make({c.name: float(v) for c, v in zip(solid.changed, off[:count], strict=True)})
+            fit = _Fit.of(sight, solid, fit.stands, off, sign)
+    return fit.outline(solid)
+
+
+def _check_seen(count: int, looked: int) -> None:
+    """Raise ValueError where the edge is seen at too few of the places that are looked at."""
+    if count < max(LEAST, SHARE * looked):
+        raise ValueError(
+            f"the outline of the finger is seen at {count} of {looked} places of the model's, wanted "
+            f"{max(LEAST, round(SHARE * looked))} or more; wanted a plain ground behind the finger, clearly "
+            "darker or lighter, and dimensions as in twin.toml"
+        )
+
+
+def _searched(sight: Sight, line: Silhouette, start: BodyPose) -> tuple[BodyPose, float]:
+    """The pose near a start at which the picture changes most across the outline, and 1 where the ground is
+    lighter than the body, else -1."""
+    shifts, turns = np.arange(-SEARCH_MM, SEARCH_MM + 0.1, 0.5), np.linspace(-SEARCH_TURN, SEARCH_TURN, 9)
+    origin, best = np.array([start.x_mm, start.z_mm]), (0.0, start, 1.0)
+    for turn in turns:
+        c, s = np.cos(turn), np.sin(turn)
+        turned = np.array([[c, s], [-s, c]])
+        place, normal = (line.place - origin) @ turned + origin, line.normal @ turned
+        across = sight.grey(_shifted(place + ASIDE_MM * normal, shifts))
+        across -= sight.grey(_shifted(place - ASIDE_MM * normal, shifts))
+        usual = np.median(np.abs(across), axis=-1, keepdims=True)
+        score = np.clip(across, -2.0 * usual, 2.0 * usual).mean(axis=-1)
+        i, j = np.unravel_index(np.abs(score).argmax(), score.shape)
+        if abs(score[i, j]) > best[0]:
+            x, z = float(shifts[i]), float(shifts[j])
+            pose = BodyPose(start.x_mm + x, start.z_mm + z, start.turn + float(turn))
+            best = float(abs(score[i, j])), pose, float(np.sign(score[i, j]))
+    return best[1], best[2]
+
+
+def _shifted(place: Array, shifts: Array) -> Array:
+    """Places (n,n,k,2) mm, shifted (n,) mm in x and in z."""
+    x, z = np.meshgrid(shifts, shifts, indexing="ij")
+    return place + np.stack([x, z], axis=-1)[:, :, None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """The outline of the model, what moves it, and how far from it the film's is."""
+
+    sight: Sight
+    pose: BodyPose  # of the model as it is drawn
+    line: Silhouette
+    sign: float
+    columns: Array  # (k,3+q+n) mm along the normal for 1 mm in x, in z, 1 rad; 1 of a number; 1 sd of else
+    known: Array  # (q,) sd of the numbers: the model's, and from where the camera looks
+    made: Array  # (q,) what they are off in the model that is drawn
+    found: Array  # (3+q+n,) of these columns
+    residual: Array  # (k,) mm, NaN where no edge is found
+    weight: Array  # (k,)
+    spread: Array  # (3+q+n,3+q+n)
+
+    @classmethod
+    def of(cls, sight: Sight, solid: Solid, pose: BodyPose, made: Array, sign: float) -> "_Fit":
+        count = len(solid.changed)
+        looks, views = made[count:], made[count:] + LOOK * np.eye(len(sight.steps))
+        view = sight.view_of(looks)
+        line = sight.outline(solid, pose, view)
+        x, n = line.place, line.normal
+        turning = n[:, 1] * (x[:, 0] - pose.x_mm) - n[:, 0] * (x[:, 1] - pose.z_mm)
+        here = sight.flat(solid.faces, pose, view)
+        edge = cut(here, x, n)
+        moved = [edge.of(sight.flat(c.faces, pose, view) - here, n) / c.change for c in solid.changed]
+        seen = (sight.flat(solid.faces, pose, sight.view_of(amplitude)) for amplitude in views)
+        moved += [edge.of(flat - here, n) / LOOK for flat in seen]
+        slope = np.nan_to_num(np.array(moved).reshape(-1, len(x)).T)
+        columns = np.column_stack([n, turning, slope, _beside(sight, line, pose, sight.view_of(looks))])
+        return cls(
+            sight=sight, pose=pose, line=line, sign=sign, columns=columns, made=made,
+            known=np.array([*(c.sd for c in solid.changed), *np.ones(len(looks))]),
+            found=np.zeros(columns.shape[1]), residual=np.full(len(x), np.nan),
+            weight=np.zeros(len(x)), spread=np.empty((0, 0)),
+        )  # fmt: skip
+
+    @property
+    def stands(self) -> BodyPose:
+        x, z, turn = (float(v) for v in self.found[:3])
+        return BodyPose(self.pose.x_mm + x, self.pose.z_mm + z, self.pose.turn + turn)
+
+    @property
+    def off(self) -> Array:
+        """The numbers (q,) found, from what is stated."""
+        return np.asarray(self.made + self.found[3 : 3 + len(self.known)])
+
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """Which (q,) of the numbers the outline tells: their sd is far below what was known."""
+        return np.asarray(np.sqrt(np.diag(self.spread))[3 : 3 + len(self.known)] < KNOWN * self.known)
+
+    @property
+    def ahead(self) -> float:
+        """Largest distance in mm from the model that is drawn to the one found."""
+        few = slice(3 + len(self.known))
+        return float(np.abs(self.columns[:, few] @ self.found[few]).max(initial=0.0))
+
+    def solved(self, reach: float, least: float, start: BodyPose, prior: Array | None) -> "_Fit":
+        """The fit to the edges within `reach` mm of the model found so far; places are judged by an sd of
+        `least` mm or more."""
+        few = 3 + len(self.known)
+        seen = self.sight.edges(self.line, self.sign, reach, self.columns[:, :few] @ self.found[:few])
+        beside = self.columns.shape[1] - few
+        stands = np.zeros(3) if prior is None else 1 / prior**2
+        before = np.concatenate([stands, 1 / self.known**2, np.ones(beside)])
+        pull = np.zeros(len(before))
+        pull[:3] = start.x_mm - self.pose.x_mm, start.z_mm - self.pose.z_mm, start.turn - self.pose.turn
+        pull[3:few] = -self.made
+        there, edge = np.isfinite(seen), self.sight.rest.edge_mm
+        weight, sd, columns = there.astype(float), max(least, edge), self.columns
+        found, left = np.zeros(len(before)), seen
+        for _ in range(TURNS if there.sum() > LEAST / 2 else 0):
+            normal = (columns.T * weight) @ columns / sd**2 + np.diag(before)
+            right = (columns.T * weight) @ np.nan_to_num(seen) / sd**2 + before * pull
+            found = np.linalg.solve(normal, right)
+            left = seen - columns @ found
+            sd = max(1.4826 * float(np.median(np.abs(left[there]))), WANDER * edge, least)
+            share = np.nan_to_num(left) / (TUKEY * max(sd, edge))
+            weight = np.where(there, np.maximum(1.0 - share**2, 0.0) ** 2, 0.0)
+        alike = _alike(np.where(weight > 0, left, np.nan))
+        normal = (columns.T * weight) @ columns / (sd**2 * alike) + np.diag(before)
+        spread = np.linalg.pinv(normal, hermitian=True)
+        return replace(self, found=found, residual=left, weight=weight, spread=spread)
+
+    def outline(self, solid: Solid) -> Outline:
+        """What is found; ValueError where it is not enough."""
+        good = self.weight > 0.0
+        count, looked = int((good & (np.abs(np.nan_to_num(self.residual)) < GOOD_MM)).sum()), len(good)
+        _check_seen(count, looked)
+        sd = np.sqrt(np.diag(self.spread))
+        edge = self.line.place + (self.columns @ self.found + self.residual)[:, None] * self.line.normal
+        sizes = tuple(
+            Size(c.name, float(self.off[k]), float(sd[3 + k]), bool(self.shown[k]))
+            for k, c in enumerate(solid.changed)
+        )
+        return Outline(
+            pose=self.stands, covariance=self.spread[:3, :3], sizes=sizes,
+            pixel=self.sight.pixels(edge[good]), residual=self.residual[good], looked=looked,
+        )  # fmt: skip
+
+
+def _beside(sight: Sight, line: Silhouette, pose: BodyPose, view: Viewpoint) -> Array:
+    """What moves the outline beside pose and sizes (k,n), 1 sd each: each side's edge is elsewhere, frame
+    marks are off, the scale is, the body is nearer to the camera, and what is curved is rounder."""
+    rest, x, n = sight.rest, line.place, line.normal
+    c, s = np.cos(pose.turn), np.sin(pose.turn)
+    own = n @ np.array([[c, -s], [s, c]])
+    side = np.where(np.abs(own[:, 0]) > np.abs(own[:, 1]), own[:, 0] > 0, 2 + (own[:, 1] > 0))
+    edges = rest.edge_mm * (side[:, None] == np.arange(4))
+    piece = (np.cumsum(np.linalg.norm(np.diff(x, axis=0, prepend=x[:1]), axis=1)) / PIECE_MM).astype(int)
+    pieces = WANDER * rest.edge_mm * (piece[:, None] == np.unique(piece))
+    frame = rest.frame_mm * (misplaced(sight.plane, x[None])[:, 0] * n).sum(axis=-1).T
+    scale = rest.scale * (x * n).sum(axis=1)
+    nearer = rest.height_mm * ((x - view.foot) * n).sum(axis=1) / view.distance
+    rounded = rest.edge_mm * ROUND_MM * line.curvature
+    return np.column_stack([edges, pieces, frame, scale, nearer, rounded])
+
+
+def _seen_from(rest: Rest, nominal: Array) -> tuple[Array, Array]:
+    """Turn and shift (6,) of a camera of known lens that sees the frame marks at nominal places (f,2) mm, and
+    errors (r,6) of these, 1 sd each. (A homography's eight numbers tell that less well than these six.)"""
+    places, pixels = np.insert(nominal, 1, 0.0, axis=1), np.ascontiguousarray(rest.ideal)
+    none = np.zeros(5)
+    _, turn, shift = cv2.solvePnP(places, pixels, rest.camera.matrix, none, flags=cv2.SOLVEPNP_ITERATIVE)
+    seen, slope = cv2.projectPoints(places, turn, shift, rest.camera.matrix, none)[:2]
+    px_per_mm = rest.camera.matrix[0, 0] / float(shift[2, 0])
+    free = max(2 * len(nominal) - 6, 1)
+    misfit = float(np.sqrt(((np.asarray(seen).reshape(-1, 2) - pixels) ** 2).sum() / free))
+    sd = max(rest.frame_mm * px_per_mm, misfit)
+    covariance = sd**2 * np.linalg.pinv(slope[:, :6].T @ slope[:, :6])
+    return np.concatenate([turn.ravel(), shift.ravel()]), principal(covariance)
+
+
+def _alike(residual: Array) -> float:
+    """How many neighbours' worth of residuals (k,) of the outline say the same: 1 of white noise."""
+    there = np.isfinite(residual)
+    x = np.where(there, residual, 0.0)
+    power, total = float((x * x).sum()), 1.0
+    for lag in range(1, len(x) // 4):
+        shared = float((x[lag:] * x[:-lag]).sum()) / max(power, 1e-300)
+        if shared < LIKE:
+            break
+        total += 2.0 * shared
+    return total
