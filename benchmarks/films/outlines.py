@@ -30,7 +30,7 @@ from twin.inputs.outlines import ModelOutline, surface
 from twin.model.structure import body_case
 from vision import Camera, Mark
 from vision.kinds import CodedMarker
-from vision.placing.outlines import Rest, fit_outline
+from vision.placing.outlines import RestPicture, fit_outline
 from vision.placing.restplaces import BodyPose
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ INNER = {"base_cap_mm": WALL_MM, "tip_cap_mm": WALL_MM}
 class Draw:
     """A picture, what is stated of its rig, and the truth."""
 
-    rest: Rest
+    rest: RestPicture
     pose: BodyPose
     sizes: dict[str, float]
 
@@ -85,7 +85,7 @@ def draw(rng: np.random.Generator, *, distance: float, longer: float = 0.0) -> D
         picture = tagged(picture, pixels(in_frame(np.array([place[0], Y, place[1]]), pose)))
     picture += rng.normal(0, 0.7 / np.sqrt(20), picture.shape)
     marks = [Mark(f"f{k}", CodedMarker(k, 5.0), (a, Y, b), "frame") for k, (a, b) in enumerate(FRAME)]
-    rest = Rest(picture, camera, marks, ideal, FRAME_MM, SCALE, HEIGHT_MM, EDGE_MM)
+    rest = RestPicture(picture, camera, marks, ideal, FRAME_MM, SCALE, HEIGHT_MM, EDGE_MM)
     return Draw(rest, pose, off)
 
 

@@ -4,5 +4,6 @@ Read `recordings` first: films with their cameras, markers and the log, and disp
 `foundrecordings` finds them in a folder. `cameras` gives the lens of each film, as camera.json holds it, and
 the clock of a board's film. `filmcheck` looks at films within seconds, before anything is measured.
 `synchronisation` puts film and log on one clock. `filmtargets` makes targets of one film, `films` puts the
-targets of several together. `looseframe` makes the frame of loose markers.
+targets of several together. `looseframe` makes the frame of loose markers. `outlines`
+compares the outline of the model with that of the finger at rest.
 """

@@ -27,7 +27,7 @@ from twin.targets import Array
 if TYPE_CHECKING:  # vision takes a second to import
     from vision import Camera, Video
     from vision.placing.outlines import Outline, Size
-    from vision.placing.silhouettes import Changed, Solid
+    from vision.placing.silhouettes import BodySurface, Changed
 
 PARTS = 4  # of a face's side, whose chords stand for its curve
 CHANGE_MM = 0.1  # of a dimension, for its slope
@@ -166,12 +166,12 @@ class ModelOutline:
         known = {name: tolerances.get(name, TYPED_MM) for name in sizes}
         return ModelOutline(case, case.face_nodes("outside"), table, known)
 
-    def __call__(self, off: Mapping[str, float]) -> "Solid":
+    def __call__(self, off: Mapping[str, float]) -> "BodySurface":
         """The surface with dimensions that are off by so many mm."""
-        from vision.placing.silhouettes import Solid
+        from vision.placing.silhouettes import BodySurface
 
         faces = self._faces(off)
-        return Solid(faces, self.base.nodes[self.base.clamped], partial(self._changed, off, faces))
+        return BodySurface(faces, self.base.nodes[self.base.clamped], partial(self._changed, off, faces))
 
     def _changed(self, off: Mapping[str, float], faces: Array) -> "tuple[Changed, ...]":
         """The surface with each of its dimensions changed."""

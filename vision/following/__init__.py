@@ -8,5 +8,6 @@ are found by `dots` and told apart by `identity`.
 
 `markrotations` reads rotations from the tracks, `corrections` is what a person mends. `markercentres`
 measures the markers of a single picture, `preview` looks at some frames of a film, `features` finds natural
-features. `subsetbias` corrects the subsets of a speckled face where strain has a gradient.
+features. `edges` finds the edge of a body along lines through it. `subsetbias` corrects
+the subsets of a speckled face where strain has a gradient.
 """

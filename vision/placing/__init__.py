@@ -6,5 +6,6 @@ film at rest. `singlecamera` places marks with one camera, in the plane of the f
 states what that camera cannot see. `multicamera` places them with several cameras: `triangulation` finds the
 places in space, `clocks` brings the films to common times, `spaceerrors` states the errors. Both ways end in
 `vision.errors.errormodel`, which puts all errors together. `loosemarkers` places markers of the rig by
-pictures that show them with a board.
+pictures that show them with a board. `silhouettes` gives the outline of a solid as the camera sees it,
+`outlines` where it stands and how large it is by that outline at rest.
 """

@@ -19,7 +19,7 @@ from vision.marks import Mark, frame_places, rows_of
 from vision.perspective import Viewpoint
 from vision.placing.planeerrors import principal
 from vision.placing.restplaces import BodyPose
-from vision.placing.silhouettes import Silhouette, Solid, cut, on_plane, silhouette
+from vision.placing.silhouettes import BodySurface, Silhouette, cut, on_plane, silhouette
 from vision.plane import MIN_VISIBLE, misplaced, plane_of
 
 STEP_PX = 0.25  # along a normal
@@ -41,7 +41,7 @@ KNOWN = 0.5  # of what is known before: a dimension whose sd is not below it is 
 
 
 @dataclass(frozen=True)
-class Rest:
+class RestPicture:
     """The picture of a finger at rest, and what is known of the rig."""
 
     picture: Array  # (h,w), mean of the rest
@@ -76,7 +76,7 @@ class Outline:
     looked: int  # places that were looked at
 
 
-Make = Callable[[Mapping[str, float]], Solid]  # the solid with such changes of its numbers
+Make = Callable[[Mapping[str, float]], BodySurface]  # the solid with such changes of its numbers
 
 
 def picture_at_rest(
@@ -88,8 +88,8 @@ def picture_at_rest(
     reference_s: float,
     stated: Stated,
     edge_mm: float,
-) -> Rest:
-    """The mean picture of a film's rest, with its frame marks by their corners.   edge_mm: as of `Rest`.
+) -> RestPicture:
+    """The mean picture of a film's rest, with its frame marks by their corners.   edge_mm: as of that.
 
     Raises ValueError where too few of them are seen.
     """
@@ -108,14 +108,14 @@ def picture_at_rest(
             "more"
         )
     kept = [marks[p] for p, found in zip(frame, there, strict=True) if found]
-    return Rest(np.mean(pictures, axis=0), camera, kept, ideal[there], stated.frame_mm, stated.scale,
+    return RestPicture(np.mean(pictures, axis=0), camera, kept, ideal[there], stated.frame_mm, stated.scale,
                 stated.height_mm, edge_mm)  # fmt: skip
 
 
-class Sight:
+class _Sight:
     """The picture at rest, in the plane of the frame marks."""
 
-    def __init__(self, rest: Rest) -> None:
+    def __init__(self, rest: RestPicture) -> None:
         self.rest = rest
         nominal = frame_places(rest.marks)
         self.plane = plane_of(nominal, rest.ideal[None])
@@ -146,7 +146,7 @@ class Sight:
         """Places (...,2) mm in the plane of points (...,3) mm of a body that stands so."""
         return on_plane(points, pose, view or self.view, self.plane_mm)
 
-    def outline(self, solid: Solid, pose: BodyPose, view: Viewpoint | None = None) -> Silhouette:
+    def outline(self, solid: BodySurface, pose: BodyPose, view: Viewpoint | None = None) -> Silhouette:
         """The outline of a solid that stands so, in the picture and where nothing clamps it."""
         line = silhouette(self.flat(solid.faces, pose, view))
         pixel, margin = self.pixels(line.place), 2.0 * self.px_per_mm
@@ -168,7 +168,7 @@ class Sight:
         return ahead + edge_places(grey, STEP_PX, sign) * step - far
 
 
-def fit_outline(rest: Rest, make: Make, start: BodyPose, *, prior: Array | None = None) -> Outline:
+def fit_outline(rest: RestPicture, make: Make, start: BodyPose, *, prior: Array | None = None) -> Outline:
     """The body's pose and sizes by its outline.
 
     make: the solid, from how far its numbers are from those stated.   start: the pose round which it is
@@ -179,10 +179,10 @@ def fit_outline(rest: Rest, make: Make, start: BodyPose, *, prior: Array | None 
     outline is seen.
     """
     with np.errstate(under="ignore"):  # of curvatures and slopes that are next to nothing
-        return _fitted(Sight(rest), make, start, prior)
+        return _fitted(_Sight(rest), make, start, prior)
 
 
-def _fitted(sight: Sight, make: Make, start: BodyPose, prior: Array | None) -> Outline:
+def _fitted(sight: _Sight, make: Make, start: BodyPose, prior: Array | None) -> Outline:
     """The body as its outline shows it, as `fit_outline` says."""
     solid = make({})
     pose, sign = _searched(sight, sight.outline(solid, start), start)
@@ -210,7 +210,7 @@ def _check_seen(count: int, looked: int) -> None:
         )
 
 
-def _searched(sight: Sight, line: Silhouette, start: BodyPose) -> tuple[BodyPose, float]:
+def _searched(sight: _Sight, line: Silhouette, start: BodyPose) -> tuple[BodyPose, float]:
     """The pose near a start at which the picture changes most across the outline, and 1 where the ground is
     lighter than the body, else -1."""
     shifts, turns = np.arange(-SEARCH_MM, SEARCH_MM + 0.1, 0.5), np.linspace(-SEARCH_TURN, SEARCH_TURN, 9)
@@ -241,7 +241,7 @@ def _shifted(place: Array, shifts: Array) -> Array:
 class _Fit:
     """The outline of the model, what moves it, and how far from it the film's is."""
 
-    sight: Sight
+    sight: _Sight
     pose: BodyPose  # of the model as it is drawn
     line: Silhouette
     sign: float
@@ -254,7 +254,7 @@ class _Fit:
     spread: Array  # (3+q+n,3+q+n)
 
     @classmethod
-    def of(cls, sight: Sight, solid: Solid, pose: BodyPose, made: Array, sign: float) -> "_Fit":
+    def of(cls, sight: _Sight, solid: BodySurface, pose: BodyPose, made: Array, sign: float) -> "_Fit":
         count = len(solid.changed)
         looks, views = made[count:], made[count:] + LOOK * np.eye(len(sight.steps))
         view = sight.view_of(looks)
@@ -323,7 +323,7 @@ class _Fit:
         spread = np.linalg.pinv(normal, hermitian=True)
         return replace(self, found=found, residual=left, weight=weight, spread=spread)
 
-    def outline(self, solid: Solid) -> Outline:
+    def outline(self, solid: BodySurface) -> Outline:
         """What is found; ValueError where it is not enough."""
         good = self.weight > 0.0
         count, looked = int((good & (np.abs(np.nan_to_num(self.residual)) < GOOD_MM)).sum()), len(good)
@@ -340,7 +340,7 @@ class _Fit:
         )  # fmt: skip
 
 
-def _beside(sight: Sight, line: Silhouette, pose: BodyPose, view: Viewpoint) -> Array:
+def _beside(sight: _Sight, line: Silhouette, pose: BodyPose, view: Viewpoint) -> Array:
     """What moves the outline beside pose and sizes (k,n), 1 sd each: each side's edge is elsewhere, frame
     marks are off, the scale is, the body is nearer to the camera, and what is curved is rounder."""
     rest, x, n = sight.rest, line.place, line.normal
@@ -357,7 +357,7 @@ def _beside(sight: Sight, line: Silhouette, pose: BodyPose, view: Viewpoint) -> 
     return np.column_stack([edges, pieces, frame, scale, nearer, rounded])
 
 
-def _seen_from(rest: Rest, nominal: Array) -> tuple[Array, Array]:
+def _seen_from(rest: RestPicture, nominal: Array) -> tuple[Array, Array]:
     """Turn and shift (6,) of a camera of known lens that sees the frame marks at nominal places (f,2) mm, and
     errors (r,6) of these, 1 sd each. (A homography's eight numbers tell that less well than these six.)"""
     places, pixels = np.insert(nominal, 1, 0.0, axis=1), np.ascontiguousarray(rest.ideal)

@@ -23,7 +23,7 @@ NEAR_MM = 0.6  # from a place: there the outline of a slightly other body is
 
 
 @dataclass(frozen=True)
-class Solid:
+class BodySurface:
     """What a camera looks at: a body at rest, in its own axes."""
 
     faces: Array  # (f,c,3) mm, corners of its surface's faces in turn
@@ -73,7 +73,7 @@ def silhouette(flat: Array) -> Silhouette:
     >>> outline = silhouette(x)
     >>> low = outline.place[outline.normal[:, 1] < -0.99]
     >>> float(np.abs(low[:, 1]).max().round(9)), int(low[:, 0].min()), int(low[:, 0].max())
-    (0.0, 1, 28)
+    (0.0, 0, 29)
     """
     line = _contour(flat)
     step = np.linalg.norm(np.diff(line, axis=0, append=line[:1]), axis=1)

@@ -83,6 +83,10 @@ def displacements(marks, time, *, seed=0):
     )  # fmt: skip
 
 
+def no_outline(*_):
+    raise ValueError("the film is a stand-in")
+
+
 @pytest.fixture
 def measured(monkeypatch):
     """Vision replaced by stand-ins; `calls` counts what was worked out."""
@@ -105,6 +109,7 @@ def measured(monkeypatch):
     monkeypatch.setattr(vision, "calibrate_camera", calibrate_camera)
     monkeypatch.setattr(vision.film.series, "open_film", video)
     monkeypatch.setattr(vision, "measure", measure)
+    monkeypatch.setattr("twin.commands.measure.seen_outline", no_outline)
     monkeypatch.setattr(vision.drawing.overlays, "overlay", lambda film, tracks: np.zeros((4, 6, 3), np.uint8))
     return calls
 
@@ -161,6 +166,7 @@ def test_a_rolling_shutter_is_stated_as_an_error_and_not_corrected(project, meas
         return types.SimpleNamespace(time=np.arange(count) / FPS, issues=(), turns=0, height=720, width=1280)
 
     monkeypatch.setattr("vision.measure", measure)
+    monkeypatch.setattr("twin.commands.measure.seen_outline", no_outline)
     monkeypatch.setattr("vision.film.series.open_film", video)
     plain = project
     project = edit(plain, "# readout_ms = ...", "readout_ms = 28.0")
