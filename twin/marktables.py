@@ -41,8 +41,8 @@ class FrameTable(TableModel):
     )
     pictures: RelativePath | None = Field(
         default=None,
-        description="of loose markers: rig and board together, raw/rig/*.jpg, from which `twin setup` "
-        "measures the sheet",
+        description="of loose markers: rig and board together, raw/rig/*.jpg or a film, from which `twin "
+        "setup` measures the sheet",
     )
     axes: tuple[int, int] | None = Field(
         default=None,

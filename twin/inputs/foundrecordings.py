@@ -95,7 +95,7 @@ class Recordings:
     film: Tags | None = None
     static: Tags | None = None
     boards: str | None = None  # pattern of pictures, or a film
-    rig: tuple[Path, ...] = ()  # pictures of the board among the tags that stand still
+    rig: tuple[Path, ...] = ()  # pictures, or a film, of the board among the tags that stand still
     board: BoardTable | None = None
     log: Log | None = None
     dictionary: str = "DICT_4X4_50"
@@ -129,13 +129,13 @@ def recordings(
     static = max(still, key=lambda t: t.frames, default=None)
     log, unclear = _log(tables, form)
     fixed = film.still if film else set()
-    rigs = [g for g, table in with_board if not isinstance(g, Path)
-            and _shows(g, fixed - _ids_of_board(table, dictionary), dictionary)]  # fmt: skip
+    rigs = [g for g, table in with_board if _shows(g, fixed - _ids_of_board(table, dictionary), dictionary)]
     alone = [pair for pair in with_board if pair[0] not in rigs] or with_board
     boards, of_board = (pattern_of(root, alone[0][0]), alone[0][1]) if alone else (None, None)
+    rig = rigs[0] if rigs else ()
     found = Recordings(
-        film, static, boards, tuple(*rigs[:1]), of_board, log, dictionary, tables=tuple(tables),
-        of_log=unclear,
+        film, static, boards, (rig,) if isinstance(rig, Path) else tuple(rig), of_board, log, dictionary,
+        tables=tuple(tables), of_log=unclear,
     )  # fmt: skip
     return with_clock(replace(found, missing=tuple(_missing(found, videos))))
 
@@ -160,8 +160,14 @@ def _skipped(path: Path) -> bool:
 
 def pattern_of(root: Path, boards: Path | Sequence[Path]) -> str:
     """The pictures of a folder, or a film, as twin.toml names them."""
-    path = boards if isinstance(boards, Path) else boards[0].parent / f"*{boards[0].suffix}"
+    paths = [boards] if isinstance(boards, Path) else boards
+    path = paths[0] if is_film(paths) else paths[0].parent / f"*{paths[0].suffix}"
     return path.relative_to(root).as_posix()
+
+
+def is_film(paths: Sequence[Path]) -> bool:
+    """Whether what was recorded is a film, and not pictures."""
+    return paths[0].suffix.lower() in FILMS
 
 
 def _even(count: int, most: int) -> list[int]:
@@ -208,21 +214,12 @@ def _boards(
 ) -> Iterator[tuple[list[Path] | Path, BoardTable]]:
     """Folders of pictures of a board, and films of it, each with that board: the one that is stated, or one
     whose markers tell its columns and rows."""
-    from vision import Board, Video
+    from vision import Board
     from vision.boards.board import MIN_CORNERS
-    from vision.film.series import bits_of_pictures, read_picture
-
-    def shown(group: list[Path] | Path) -> "Iterator[Image]":
-        if isinstance(group, Path):
-            film = Video(group)
-            yield from (p for _, _, p in film.chosen(_even(len(film.time), IN_BOARDS)))
-        else:
-            bits = bits_of_pictures(group)
-            yield from (read_picture(group[k], bits) for k in _even(len(group), IN_BOARDS))
 
     groups: list[list[Path] | Path] = [*pictures, *videos]
     for group in groups:
-        looked = list(shown(group))
+        looked = _looked_at(group)
         for table in (stated, _read_board(looked, stated, dictionary)):
             if table is None:
                 continue
@@ -233,20 +230,30 @@ def _boards(
                 break
 
 
+def _looked_at(group: list[Path] | Path) -> "list[Image]":
+    """Some pictures of a folder, or frames of a film."""
+    from vision import Video
+    from vision.film.series import bits_of_pictures, read_picture
+
+    if isinstance(group, Path):
+        film = Video(group)
+        return [picture for _, _, picture in film.chosen(_even(len(film.time), IN_BOARDS))]
+    bits = bits_of_pictures(group)
+    return [read_picture(group[k], bits) for k in _even(len(group), IN_BOARDS)]
+
+
 def _ids_of_board(table: BoardTable, dictionary: str) -> set[int]:
     """Ids that the board's own markers have in the dictionary of the tags."""
     own = table.kind == "charuco" and table.dictionary == dictionary
     return set(range(table.columns * table.rows // 2)) if own else set()
 
 
-def _shows(group: Sequence[Path], codes: set[int], dictionary: str) -> bool:
-    """True where most of some pictures show four or more of the tags."""
-    from vision.film.series import bits_of_pictures, read_picture
+def _shows(group: list[Path] | Path, codes: set[int], dictionary: str) -> bool:
+    """True where most of some pictures, or of a film's frames, show four or more of the tags."""
     from vision.marks import detect_wanted
 
-    bits, few = bits_of_pictures(group), _even(len(group), IN_BOARDS)
-    views = [detect_wanted(read_picture(group[k], bits), dictionary, codes)[0] for k in few]
-    return sum(len(codes & set(view)) >= 4 for view in views) >= OFTEN * len(few)
+    views = [detect_wanted(picture, dictionary, codes)[0] for picture in _looked_at(group)]
+    return sum(len(codes & set(view)) >= 4 for view in views) >= OFTEN * len(views)
 
 
 def _read_board(looked: "Sequence[Image]", stated: BoardTable, dictionary: str) -> BoardTable | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.inputs.foundrecordings import Tags, first
+from twin.inputs.foundrecordings import Tags, first, is_film
 from twin.marktables import MarkerTable
 from twin.project.cameratables import BoardTable
 from twin.project.framesheet import SheetMarker, SheetTable
@@ -32,18 +32,23 @@ class Measured:
 
 
 def measured(pictures: Sequence[Path], board: BoardTable, film: Tags, dictionary: str) -> Measured:
-    """The markers that stand still in the film; ValueError where the pictures do not tell them.
+    """The markers that stand still in the film; ValueError where the pictures, or the film of rig and board,
+    do not tell them.
 
     The film's rows are level until two markers say what is.
     """
-    from vision import Board
+    from vision import Board, Video
+    from vision.calibration.boardfilms import sharp_pictures
     from vision.film.series import bits_of_pictures, read_picture
     from vision.placing.loosemarkers import loose_markers
 
     own = Board.of(**board.model_dump() | {"marker_mm": board.marker_mm or 0.0})
-    bits = bits_of_pictures(pictures)
-    read = [read_picture(path, bits) for path in pictures]
-    found = loose_markers(read, [path.name for path in pictures], own, dictionary=dictionary)
+    if is_film(pictures):
+        read = sharp_pictures(Video(pictures[0]), own)
+    else:
+        bits = bits_of_pictures(pictures)
+        read = {path.name: read_picture(path, bits) for path in pictures}
+    found = loose_markers(list(read.values()), list(read), own, dictionary=dictionary)
     still = [k for k, code in enumerate(found.codes) if code in film.still]
     if len(still) < FRAME + FIXED:
         raise ValueError(

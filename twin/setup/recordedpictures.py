@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from twin.csvtable import read_sheet
-from twin.inputs.foundrecordings import FILMS, Recordings
+from twin.inputs.foundrecordings import Recordings, is_film
 from twin.setup.desk import course_of
 from twin.setup.draft import SetupDraft
 
@@ -46,7 +46,7 @@ def _group(what: str, paths: Sequence[Path]) -> "tuple[str, Image]":
     """The name of some pictures, or of a film, and the first picture (h,w)."""
     from vision.film.series import bits_of_pictures, read_picture
 
-    if paths[0].suffix.lower() in FILMS:
+    if is_film(paths):
         return f"{what}: {paths[0].name}", _first_of(paths[0])
     picture = read_picture(paths[0], bits_of_pictures(paths))
     return f"{what}: {paths[0].parent.name}/, {len(paths)} pictures", picture

@@ -68,14 +68,26 @@ def camera_of_film(film: Video, board: Board, *, max_rms_px: float = 0.3) -> Cam
     read_as, footage = _read_as(film, board)
     rows = chosen(footage)
     pictures = _pictures(film, rows, read_as)
-    names = [f"the frame at {film.time[i]:.2f} s of {film.path.name}" for i in rows]
-    camera = camera_from(pictures, names, read_as, max_rms_px=max_rms_px)
+    camera = camera_from(pictures, _names(film, rows), read_as, max_rms_px=max_rms_px)
     summary = (
         f"{len(rows)} of the {len(footage.seen)} frames of {film.path.name} that show the board were taken, "
         f"sharp and in poses as different as there are ({footage.looked} of {len(film.time)} frames "
         "were looked at)."
     )
     return replace(camera, notes=(summary, *camera.notes))
+
+
+def sharp_pictures(film: Video, board: Board) -> dict[str, Image]:
+    """The sharp, differently posed frames of a film past a board, by what each is called.
+
+    Raises ValueError where fewer than 6 frames show the board.
+    """
+    rows = chosen(_read_as(film, board)[1])
+    return dict(zip(_names(film, rows), (picture for _, _, picture in film.chosen(rows)), strict=True))
+
+
+def _names(film: Video, rows: Sequence[int]) -> list[str]:
+    return [f"the frame at {film.time[i]:.2f} s of {film.path.name}" for i in rows]
 
 
 def _read_as(film: Video, board: Board) -> tuple[Board, BoardFilm]:

@@ -25,6 +25,8 @@ from twin.marktables import FrameTable, MarkerTable
 from twin.project.folder import Project
 from twin.project.framesheet import read_sheet, with_sheet
 from twin.project.toml import dump
+from vision.film.series import read_picture
+from vision.film.video import Writer
 
 
 @pytest.fixture(scope="module")
@@ -130,6 +132,21 @@ def test_loose_markers_are_measured_by_pictures_of_rig_and_board(folder, recorde
     assert places[along[-1]][::2] == (0.0, 0.0)
     assert places[along[0]][2] == pytest.approx(0.0, abs=1e-3)
     assert places[along[0]][0] == pytest.approx(245.67, abs=0.15)
+    apart(config, printed)
+
+
+def test_a_film_round_rig_and_board_measures_them_as_pictures_do(folder):
+    printed = read_sheet(folder / "raw" / "frame.toml")
+    (folder / "raw" / "frame.toml").unlink()
+    pictures = [read_picture(path, 8) for path in sorted((folder / "raw" / "rig").glob("*.png"))]
+    shutil.rmtree(folder / "raw" / "rig")
+    with Writer(folder / "raw" / "rig.mkv", pictures[0].shape[::-1], fps=25.0, codec="ffv1") as film:
+        for picture in pictures:
+            film.add(picture)
+    run_setup(folder, Lines(), yes=True)
+    config = Project.open(folder).config
+    assert config.frame.pictures == "raw/rig.mkv"
+    assert config.cameras[0].film == "raw/film.mkv"
     apart(config, printed)
 
 
