@@ -151,9 +151,11 @@ class Task:
         pairs = {frozenset(h.names): h for h in paired(base, self.signatures(base, self._narrow()))}
         if refits.view is not None and not single.kind:
             signatures = self.signatures(base, self._narrow(), beside=refits.view)
-            for h in added(refits.view, single.effects, signatures):
+            partners = sorted(added(refits.view, single.effects, signatures), key=lambda h: -h.hint)
+            for k, h in enumerate(partners):
                 pairs.pop(frozenset(h.names), None)  # begun from a refit it is nearer
-                if not self._in_vain(h, single.evidence, refits.view, signatures):
+                promising = k == 0 and not single.adequate
+                if promising or not self._in_vain(h, single.evidence, refits.view, signatures):
                     pairs[frozenset(h.names)] = replace(h, hint=h.hint + single.evidence)
         return [h for h in pairs.values() if h.hint > single.evidence + PAIRED]
 
