@@ -127,7 +127,7 @@ def _table(path: str, table: BaseModel, *, item: int | None = None) -> list[str]
             other_body = key in BODIES and key != getattr(table, "kind", key)
             inner += [] if path == "cameras" or other_body else _absent(f"{path}.{key}", absent)
         elif not (path == "frame" and key == "markers"):
-            plain.append(_line(key, value, field, commented=not item))
+            plain.append(_line(field.alias or key, value, field, commented=not item))
     head = [] if not plain else ["", f"[{path}]" if item is None else f"[[{path}]]"]
     return head + plain + inner
 

@@ -156,11 +156,18 @@ def with_axes(draft: SetupDraft, axes: Sequence[int]) -> SetupDraft:
 
 def with_dimension(draft: SetupDraft, key: str, value: float | str) -> SetupDraft:
     """The draft with another dimension of the body. ValueError where it does not go with the others."""
+    if draft.dimensions is None:
+        raise ValueError(f"{key}: a deck has its own dimensions")
+    return with_dimensions(draft, {key: value})
+
+
+def with_dimensions(draft: SetupDraft, values: Mapping[str, float | str]) -> SetupDraft:
+    """The draft with other dimensions of the body, none of a deck. ValueError where they do not go
+    together."""
     model, own = draft.stated.model, draft.dimensions
     if own is None:
-        raise ValueError(f"{key}: a deck has its own dimensions")
-    name = f"[model.{model.kind}]"
-    table = checked(BODIES[model.kind], own.model_dump() | {key: value}, name=name)
+        return draft
+    table = checked(BODIES[model.kind], {**own.model_dump(), **values}, name=f"[model.{model.kind}]")
     return _stating(draft, model=model.model_copy(update={model.kind: table}))
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from twin.inputs.foundrecordings import first
 from twin.marktables import PoseTable
 from twin.project.folder import Project
-from twin.setup.draft import SetupDraft, with_dimension, with_pose
-from twin.setup.proposal import Proposal
+from twin.setup.draft import SetupDraft, with_dimension, with_dimensions, with_pose
+from twin.setup.proposal import Proposal, proposed
 from twin.targets import Array
 
 if TYPE_CHECKING:  # vision takes a second to import
@@ -135,6 +135,28 @@ def dragged(drag: Drag, to: Array) -> SetupDraft:
     change = (in_body(pose, to[None]) - in_body(pose, drag.start[None]))[0, axis]
     value = getattr(drag.draft.dimensions, drag.handle) + float(change)
     return with_dimension(drag.draft, drag.handle, round(round(value / STEP_MM) * STEP_MM, 3))
+
+
+def snapped(draft: SetupDraft, camera: "Camera | None") -> SetupDraft:
+    """The draft with the body where the edges of the finger are seen at rest, and with the dimensions that
+    these show to be others. ValueError where too little is seen. `twin measure` then tells the place again,
+    with its sd."""
+    from twin.inputs.outlines import LEAST_MM, OFF, seen_outline
+    from vision import Video
+
+    film = draft.found.film
+    if film is None or camera is None:
+        raise ValueError("the lens is not known yet: wanted pictures of the board, and a moment to read them")
+    near = with_pose(draft, draft.pose.model_copy(update={"source": "outline"}))
+    project = proposed(near).project
+    found = seen_outline(project, project.config.cameras[0], Video(film.path), camera).found
+    place = {"x_mm": round(found.pose.x_mm, 3), "z_mm": round(found.pose.z_mm, 3),
+             "turn_deg": round(math.degrees(found.pose.turn), 3)}  # fmt: skip
+    there = with_pose(near, near.pose.model_copy(update=place))
+    others = (size for size in found.sizes if size.shown and abs(size.off) > max(OFF * size.sd, LEAST_MM))
+    sizes = {size.name: size.off for size in others}
+    own = {} if draft.dimensions is None else draft.dimensions.model_dump(include=set(sizes))
+    return with_dimensions(there, {key: round(value + sizes[key], 2) for key, value in own.items()})
 
 
 def stretched(contour: Array, before: SetupDraft, after: SetupDraft) -> Array:

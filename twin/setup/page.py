@@ -58,8 +58,18 @@ class Page:
         """Do a step of the draft."""
         self.to(desks.changed(self.desk, change))
 
-    async def long_step(self, change: Callable[[SetupDraft], SetupDraft]) -> None:
-        """Do a step that takes seconds, again where something else was changed meanwhile."""
+    async def long_step(self, change: Callable[[SetupDraft], SetupDraft], *, said: str = "") -> None:
+        """Do a step that takes seconds, again where something else was changed meanwhile.   said: what is
+        shown until it is done."""
+        with self.root:
+            waiting = ui.notification(said, spinner=True, timeout=None) if said else None
+        try:
+            await self._long_step(change)
+        finally:
+            if waiting is not None:
+                waiting.dismiss()
+
+    async def _long_step(self, change: Callable[[SetupDraft], SetupDraft]) -> None:
         while True:
             before = self.desk
             desk = await run.io_bound(desks.changed, before, change)

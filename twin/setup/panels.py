@@ -21,6 +21,7 @@ from twin.setup.draft import (
     with_pose,
     with_rulers,
 )
+from twin.setup.outline import snapped
 from twin.setup.proposal import is_body_stated
 from twin.setup.recordedpictures import as_url, headings_of_log, recorded_pictures, said_of_log
 from twin.setup.svglayers import COLOURS
@@ -101,8 +102,17 @@ def place_panel(page: "Page") -> None:
         ui.label("The clamped end stands at").classes("text-sm")
         for key, text in (("x_mm", "x, mm"), ("z_mm", "z, mm"), ("turn_deg", "turn, degrees")):
             number(page, key, partial(_place, page, key), label=text)
+        snap = ui.button("snap to edges", on_click=partial(_snap, page)).props("outline dense no-caps")
+        snap.tooltip("To the edges that the film shows at rest: place, turn, dimensions that are others")
         _sometimes(page, "pose", "back to 0", lambda draft: with_pose(draft, None),
                    lambda draft: draft.stated.pose is not None)  # fmt: skip
+
+
+async def _snap(page: "Page") -> None:
+    """Lay the outline on the edges that the film shows."""
+    await page.long_step(
+        lambda draft: snapped(draft, page.desk.camera), said="The edges of the finger are looked for"
+    )
 
 
 def _place(page: "Page", key: str, value: float) -> None:
