@@ -142,6 +142,13 @@ class _Sight:
         centre = -np.asarray(cv2.Rodrigues(x[:3])[0]).T @ x[3:]
         return Viewpoint(centre[[0, 2]], float(centre[1]))
 
+    def far_side(self, solid: BodySurface) -> float:
+        """Half of what the far side of a body moves in mm, 1 sd, as the camera looks from elsewhere: which
+        side is the outer one may turn over, and no slope of the outline tells that."""
+        views = [self.view_of(amplitude).foot - self.view.foot for amplitude in np.eye(len(self.steps))]
+        tilt = float(np.sqrt(np.square(views).sum() / 2.0)) / abs(self.view.distance)
+        return 0.5 * tilt * float(np.ptp(solid.faces[..., 1]))
+
     def flat(self, points: Array, pose: BodyPose, view: Viewpoint | None = None) -> Array:
         """Places (...,2) mm in the plane of points (...,3) mm of a body that stands so."""
         return on_plane(points, pose, view or self.view, self.plane_mm)
@@ -197,7 +204,7 @@ def _fitted(sight: _Sight, make: Make, start: BodyPose, prior: Array | None) -> 
             off = np.where(fit.shown | (np.arange(len(fit.off)) >= count), fit.off, 0.0)
             solid = make({c.name: float(v) for c, v in zip(solid.changed, off[:count], strict=True)})
             fit = _Fit.of(sight, solid, fit.stands, off, sign)
-    return fit.outline(solid)
+    return fit.outline(solid, prior)
 
 
 def _check_seen(count: int, looked: int) -> None:
@@ -323,19 +330,21 @@ class _Fit:
         spread = np.linalg.pinv(normal, hermitian=True)
         return replace(self, found=found, residual=left, weight=weight, spread=spread)
 
-    def outline(self, solid: BodySurface) -> Outline:
+    def outline(self, solid: BodySurface, prior: Array | None) -> Outline:
         """What is found; ValueError where it is not enough."""
         good = self.weight > 0.0
         count, looked = int((good & (np.abs(np.nan_to_num(self.residual)) < GOOD_MM)).sum()), len(good)
         _check_seen(count, looked)
-        sd = np.sqrt(np.diag(self.spread))
+        far = self.sight.far_side(solid)
+        sd = np.hypot(np.sqrt(np.diag(self.spread)), far)
+        open_pose = np.zeros((3, 3)) if prior is not None else np.diag([1.0, 1.0, 0.0])
         edge = self.line.place + (self.columns @ self.found + self.residual)[:, None] * self.line.normal
         sizes = tuple(
-            Size(c.name, float(self.off[k]), float(sd[3 + k]), bool(self.shown[k]))
+            Size(c.name, float(self.off[k]), float(sd[3 + k]), bool(sd[3 + k] < KNOWN * c.sd))
             for k, c in enumerate(solid.changed)
         )
         return Outline(
-            pose=self.stands, covariance=self.spread[:3, :3], sizes=sizes,
+            pose=self.stands, covariance=self.spread[:3, :3] + open_pose * far**2, sizes=sizes,
             pixel=self.sight.pixels(edge[good]), residual=self.residual[good], looked=looked,
         )  # fmt: skip
 

@@ -36,13 +36,13 @@ def off(found: Outline, drawn: Draw) -> np.ndarray:
 def test_pose_and_dimensions_within_their_sds(found: Outline, drawn: Draw) -> None:
     sd = np.sqrt(np.diag(found.covariance))
     assert (np.abs(off(found, drawn)) < 3.5 * sd).all()
-    assert (sd < [0.2, 0.2, 0.002]).all()
+    assert (sd < [0.3, 0.3, 0.002]).all()
     shown = {s.name: s for s in found.sizes if s.shown}
     assert {"length_mm", "height_mm", "pleat_depth_mm"} <= {*shown}
     assert not {"width_mm", "side_wall_mm", "bottom_wall_mm"} & {*shown}  # which no camera sees from the side
     for name in ("length_mm", "height_mm", "pleat_depth_mm"):
         assert abs(shown[name].off - drawn.sizes[name]) < 3.5 * shown[name].sd
-        assert shown[name].sd < 0.2
+        assert shown[name].sd < 0.3
 
 
 def test_a_wrong_length_is_named(found: Outline, drawn: Draw) -> None:
