@@ -16,6 +16,7 @@ from twin.setup.draft import SetupDraft
 from twin.setup.page import Page
 
 HOST = "127.0.0.1"
+PATIENT_S = 60.0  # that the browser waits for an answer: beside a check a slow computer may take seconds
 
 
 def serve(draft: SetupDraft, say: Say, *, check: Check, port: int) -> bool:
@@ -31,7 +32,7 @@ def serve(draft: SetupDraft, say: Say, *, check: Check, port: int) -> bool:
     # a page of another site, whose name leads to this machine, is refused
     server.add_middleware(TrustedHostMiddleware, allowed_hosts=[HOST, "localhost"])
     ui.page("/", title=f"twin setup: {draft.root.name}")(page.build)
-    ui.run_with(server, show_welcome_message=False)
+    ui.run_with(server, show_welcome_message=False, reconnect_timeout=PATIENT_S)
     settings = uvicorn.Config(server, log_level="error", timeout_graceful_shutdown=1)
     try:
         say(f"Open {url} in a browser on this computer. Ctrl-C ends it.")
