@@ -121,10 +121,17 @@ def outline_tells(project: Project) -> bool:
 
 
 def seen_outline(project: Project, table: CameraTable, film: "Video", camera: "Camera") -> SeenOutline:
-    """The finger at rest in a film, by its outline. ValueError where too little of it is seen."""
+    """The finger at rest in a film, by its outline. ValueError where too little of it is seen, or where it
+    sags by an unknown way."""
     from vision.placing.outlines import fit_outline, picture_at_rest
     from vision.placing.restplaces import BodyPose
 
+    if project.config.model.density_kg_m3 is not None:
+        raise ValueError(
+            "the outline at rest is compared with a model without weight, and this finger sags "
+            f"(model.density_kg_m3 = {project.config.model.density_kg_m3:g}); state x_mm, z_mm and turn_deg "
+            "under [pose], or put two markers of role clamp on the clamp"
+        )
     pose, sought = project.config.pose or PoseTable(), outline_tells(project)
     marks = marks_of(project, BodyPose() if sought else None)
     rest = picture_at_rest(

@@ -49,6 +49,12 @@ def test_the_outline_tells_pose_and_length(tmp_path: Path) -> None:
     assert outline.drawn().startswith(b"\x89PNG")
 
 
+def test_a_finger_that_sags_is_not_compared(tmp_path: Path) -> None:
+    weight = ("[model]", '[model]\ndensity_kg_m3 = 1070.0\ngravity = [0.0, 0.0, -1.0]')
+    with pytest.raises(ValueError, match=saying("this finger sags", "1070", "markers of role clamp")):
+        seen(project(tmp_path, weight))
+
+
 def test_several_cameras_do_not_tell_it(tmp_path: Path) -> None:
     text = (QUICK / "twin.toml").read_text(encoding="utf-8")
     camera = text[text.index("[[cameras]]") : text.index("[pressure]")]
