@@ -188,12 +188,13 @@ class Whitener:
         return float(np.sqrt((self.pick(residual)[self.valid] ** 2).mean()))
 
     def error_beside_walls(self, residual: Array) -> float:
-        """As `error`, with the walls that no camera sees as thick as fits best, within PLAUSIBLE sds."""
+        """As `error`, with the walls that no camera sees as thick as is most probable, within PLAUSIBLE sds;
+        as stated, where the model lacks something else and these would make it larger."""
         if not self.of_walls.any():
             return self.error(residual)
         size = self.amplitudes(residual, bound=PLAUSIBLE)[: self.shared][self.of_walls]
         values = self.pick(residual) - np.tensordot(size, self.modes[: self.shared][self.of_walls], 1)
-        return float(np.sqrt((values[self.valid] ** 2).mean()))
+        return min(self.error(residual), float(np.sqrt((values[self.valid] ** 2).mean())))
 
     @property
     def noise_sds(self) -> Array:

@@ -196,6 +196,20 @@ def test_a_right_model_misses_by_what_is_expected_after_its_fit(targets: Targets
     assert (found.rms_mm < 0.9 * picture.rms_mm) == tilt.startswith("wall:")
 
 
+def test_walls_never_make_the_error_larger(targets: Targets) -> None:
+    """One marker, whose noise is the smallest, asks for a thicker wall, which would make all others worse."""
+    precise = np.where(np.arange(3) == 0, 1.0, 1e4)[:, None, None]
+    wall = replace(
+        targets, modes=targets.modes[:1], mode_names=("wall:bottom_wall_mm",), covariance=targets.covariance * precise
+    )
+    gauge = np.zeros_like(targets.value)
+    w = whitener(wall, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
+    against = targets.modes[0] * np.where(np.arange(3) == 0, 1.0, -1.0)[:, None]
+    assert w.amplitudes(against)[0] > 0.5
+    assert w.error_beside_walls(against) == w.error(against)
+    assert w.error_beside_walls(targets.modes[0]) < 0.5 * w.error(targets.modes[0])
+
+
 def test_of_values_that_no_fit_has_seen_more_is_expected(targets: Targets) -> None:
     """What both films share and the fit has taken into its constants is no error of its prediction."""
     gauge, none = gauge_of(targets), np.zeros((0, *targets.value.shape))
