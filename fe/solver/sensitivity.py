@@ -77,6 +77,8 @@ def _unsupported_path_change(base: Path, side: Path) -> str:
         return "`places`, where forces pull"
     if side.chambers != base.chambers:
         return "`chambers`, the surfaces that carry shares of the pressure"
+    if side.settled != base.settled:
+        return "`settled`, whether it has come to rest before"
     return "" if _same(side.turns, base.turns) else "`gravity`, `pulls` or `shares`, when they change"
 
 

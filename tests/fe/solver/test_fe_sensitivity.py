@@ -198,6 +198,7 @@ FIELDS = [
     Line("Path.pulls", along(pulls=lambda p, x: p.pulls * (1 + x) + [0.1 * x, 0.0, 0.0])),
     Line("Path.shares", along(shares=lambda p, x: p.shares + x)),
     Line("Path.chambers", along(chambers=lambda p, x: ("z0",)), refused="`chambers`"),
+    Line("Path.settled", along(settled=lambda p, x: True), refused="`settled`"),
 ]  # fmt: skip
 
 

@@ -113,7 +113,7 @@ def test_every_film_is_measured_on_its_own_clock_with_its_own_noise(project, mea
 
 
 def test_check_says_what_it_sees_of_each_film(project, measured, monkeypatch):  # noqa: F811
-    monkeypatch.setattr(filmcheck, "check_films", lambda *_: None)  # the films of this project are stand-ins
+    monkeypatch.setattr(filmcheck, "check_films", lambda *_, **__: None)  # the films of this project are stand-ins
     say, both = Lines(), with_films(project)
     run_check(both, say)
     assert any("Film slow: pressure.csv" in line and "lasts 5.9 s" in line for line in say)
