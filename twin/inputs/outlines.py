@@ -59,7 +59,7 @@ class SeenOutline:
         """Sentences on where the finger stands and on the dimensions that are as stated."""
         pose, (x, z, turn) = self.found.pose, np.sqrt(np.diag(self.found.covariance))
         place = (
-            f"The outline of the finger at rest is seen at {len(self.found.pixel)} of {self.found.looked} "
+            f"The outline of the finger at rest shows {len(self.found.pixel)} of {self.found.looked} "
             f"places. By it the finger stands at x = {with_sd(pose.x_mm, x)} mm, z = {with_sd(pose.z_mm, z)} "
             f"mm, turned by {with_sd(math.degrees(pose.turn), math.degrees(turn))} degrees."
         )

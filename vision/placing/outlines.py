@@ -104,8 +104,8 @@ def picture_at_rest(
     there = np.isfinite(ideal[:, 0])
     if there.sum() < MIN_VISIBLE:
         raise ValueError(
-            f"{film.path.name}: {int(there.sum())} frame markers are read at rest, wanted {MIN_VISIBLE} or "
-            "more"
+            f"{film.path.name}: {int(there.sum())} frame markers are read at rest, "
+            f"wanted {MIN_VISIBLE} or more"
         )
     kept = [marks[p] for p, found in zip(frame, there, strict=True) if found]
     return RestPicture(np.mean(pictures, axis=0), camera, kept, ideal[there], stated.frame_mm, stated.scale,
@@ -211,7 +211,7 @@ def _check_seen(count: int, looked: int) -> None:
     """Raise ValueError where the edge is seen at too few of the places that are looked at."""
     if count < max(LEAST, SHARE * looked):
         raise ValueError(
-            f"the outline of the finger is seen at {count} of {looked} places of the model's, wanted "
+            f"the outline of the finger shows {count} of {looked} places of the model's, wanted "
             f"{max(LEAST, round(SHARE * looked))} or more; wanted a plain ground behind the finger, clearly "
             "darker or lighter, and dimensions as in twin.toml"
         )

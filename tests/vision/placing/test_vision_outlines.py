@@ -62,8 +62,8 @@ def test_what_is_known_of_the_pose_counts(drawn: Draw, model: ModelOutline) -> N
 def test_an_outline_that_is_hidden_is_refused(drawn: Draw, model: ModelOutline) -> None:
     picture = drawn.rest.picture.copy()
     picture[:, 180:] = 120.0  # all but the tip
-    with pytest.raises(ValueError, match=saying("outline of the finger is seen at", "wanted")):
+    with pytest.raises(ValueError, match=saying("outline of the finger shows", "wanted")):
         fit_outline(replace(drawn.rest, picture=picture), model, BodyPose())
     empty = np.random.default_rng(1).normal(120.0, 1.0, picture.shape)
-    with pytest.raises(ValueError, match=saying("outline of the finger is seen at", "wanted")):
+    with pytest.raises(ValueError, match=saying("outline of the finger shows", "wanted")):
         fit_outline(replace(drawn.rest, picture=empty), model, BodyPose())
