@@ -10,15 +10,14 @@ pose_pull, size_pull: errors over their sds, which should be 1. refused: share o
 the outline is seen. pose_mm, pose_deg, length_mm, height_mm: rms errors.
 """
 
-import argparse
-import json
 import os
 import sys
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-
 from dataclasses import dataclass
 from pathlib import Path
+
+from benchmarks.commandline import options, told
 
 import cv2
 import numpy as np
@@ -162,20 +161,12 @@ def run(draws: int, seed: int) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="pose and dimensions of the finger from its outline")
-    parser.add_argument("--quick", action="store_true", help="16 draws instead of 60")
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    parser.add_argument("--show", type=Path, help="write the first picture there")
-    arguments = parser.parse_args()
-    if arguments.show:
+    show = (Path, "write the first picture there")
+    typed = options(__doc__ or "", {"--show": show}, quick="16 draws instead of 60", json="one JSON line")
+    if typed.show:
         picture = draw(np.random.default_rng(7), distance=3000.0).rest.picture
-        cv2.imwrite(str(arguments.show), np.clip(picture, 0, 255).astype(np.uint8))
-    found = run(16 if arguments.quick else 60, seed=7)
-    if arguments.json:
-        print(json.dumps(found))
-        return
-    for name, value in found.items():
-        print(f"{name:16} {value}")
+        cv2.imwrite(str(typed.show), np.clip(picture, 0, 255).astype(np.uint8))
+    told(run(16 if typed.quick else 60, seed=7), typed.json)
 
 
 if __name__ == "__main__":

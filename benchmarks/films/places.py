@@ -14,14 +14,13 @@ clamp. standoff_wrong: share of draws in which an absent effect has more than 3 
 of the plane: thickness acts through perspective alone.
 """
 
-import argparse
-import json
 import os
 import sys
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
-
 from dataclasses import dataclass
+
+from benchmarks.commandline import whole
 
 import cv2
 import numpy as np
@@ -196,18 +195,6 @@ def run(draws: int, seed: int) -> dict[str, float]:
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="places of markers from the film at rest")
-    parser.add_argument("--quick", action="store_true", help="60 draws instead of 400")
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    arguments = parser.parse_args()
-    found = run(60 if arguments.quick else 400, seed=7)
-    if arguments.json:
-        print(json.dumps(found))
-        return
-    for name, value in found.items():
-        print(f"{name:16} {value}")
-
-
 if __name__ == "__main__":
-    main()
+    quick = "60 draws instead of 400"
+    sys.exit(whole(__doc__ or "", lambda short: run(60 if short else 400, seed=7), quick=quick))

@@ -116,13 +116,16 @@ def judge_base(
         return judge(model, targets, starts=starts, seed=seed)
     unweighted = fit_unweighted(model, targets, start=starts, seed=seed)
     task = _Task(model, targets, seed, FEW, 0.1, TURNS, 0.0)
-    end = task.first(unweighted.theta)
-    for settle in (lambda e: e, task.settled):
-        end = settle(end)
-        weighted = task.judged(end)
-        if weighted.comparison.beyond and not weighted.comparison.adequate:
-            return task.judged(task._at(unweighted))
-    return weighted
+    rough = task.first(unweighted.theta)
+    weighted = task.judged(rough)
+    if not _pays(weighted):
+        weighted = task.judged(task.settled(rough))
+    return task.judged(task._at(unweighted)) if _pays(weighted) else weighted
+
+
+def _pays(judged: Judged) -> bool:
+    """Whether a fit pays for what is missing with shared errors beyond what is stated of them."""
+    return bool(judged.comparison.beyond) and not judged.comparison.adequate
 
 
 def judge_fit(model: Model, targets: Targets, fit: Fit, *, law: float = 0.0) -> Judged:

@@ -18,8 +18,8 @@ def leaning(w: Whitener, jacobian: Array, names: Sequence[str]) -> list[tuple[st
     jacobian (f, s, p, 3): derivatives by the fitted parameters of these names (f,). The variance of a
     generalised least-squares fit is the sum of what each independent error of 1 sd moves it by, squared.
     """
-    rows = [k for k, name in enumerate(w.names) if name.startswith(WALL)]
-    if not rows or not len(jacobian):
+    rows = np.flatnonzero(w.of_walls)
+    if not len(rows) or not len(jacobian):
         return []
     columns = w.whiten(jacobian)
     covariance = np.linalg.pinv(columns @ columns.T, rcond=1e-12, hermitian=True)

@@ -236,10 +236,7 @@ class Whitener:
         """
         w = self.without_laws
         walls, rest = w.modes[: w.shared][w.of_walls], w._without(w.of_walls)
-        columns = rest.whiten(jacobian) if len(jacobian) else np.zeros((0, w.valid.size))
-        columns = np.concatenate([columns, rest.rewhitened(w.mode_innovations[: w.shared][w.of_walls])])
-        prior = np.append(np.zeros(len(jacobian)), np.ones(len(walls)))
-        covariance = np.linalg.pinv(columns @ columns.T + np.diag(prior), rcond=1e-12, hermitian=True)
+        covariance, _ = rest._estimated(jacobian, w.mode_innovations[: w.shared][w.of_walls])
         fields = np.concatenate([rest.modes, w._fields(jacobian), walls])
         inner = np.eye(len(fields))
         inner[len(rest.modes) :, len(rest.modes) :] = -covariance
@@ -253,7 +250,7 @@ class Whitener:
         over the seen values: what is common to both films is in part already in the constants.
         """
         w, seen = self.without_laws, fit.without_laws
-        covariance, columns = seen._estimated(jacobian)
+        covariance, columns = seen._estimated(jacobian, np.zeros((0, seen.valid.size)))
         count = len(w.modes)
         inner = np.eye(count + len(jacobian))
         inner[count:, count:] = covariance
@@ -266,10 +263,13 @@ class Whitener:
         """The values (d, s, m) mm of derivatives (d, s, p, 3), 0 where no data."""
         return np.where(self.valid, np.nan_to_num(self.pick(jacobian)), 0.0)
 
-    def _estimated(self, jacobian: Array) -> tuple[Array, Array]:
-        """The covariance (d, d) of a fit with derivatives (d, s, p, 3), and these whitened (d, n)."""
-        columns = self.whiten(jacobian) if len(jacobian) else np.zeros((0, self.valid.size))
-        covariance = np.linalg.pinv(columns @ columns.T, rcond=1e-12, hermitian=True)
+    def _estimated(self, jacobian: Array, known: Array) -> tuple[Array, Array]:
+        """The covariance (d + k, d + k) of a fit with derivatives (d, s, p, 3) and of `known`, the
+        innovations (k, n) of 1 sd of what is stated, and both whitened (d + k, n)."""
+        free = self.whiten(jacobian) if len(jacobian) else np.zeros((0, self.valid.size))
+        columns = np.concatenate([free, self.rewhitened(known)])
+        prior = np.diag(np.append(np.zeros(len(free)), np.ones(len(known))))
+        covariance = np.linalg.pinv(columns @ columns.T + prior, rcond=1e-12, hermitian=True)
         return np.asarray(covariance, float), columns
 
     def _spread(self, fields: Array, inner: Array) -> "Expected":
