@@ -67,3 +67,14 @@ def test_an_outline_that_is_hidden_is_refused(drawn: Draw, model: ModelOutline) 
     empty = np.random.default_rng(1).normal(120.0, 1.0, picture.shape)
     with pytest.raises(ValueError, match=saying("outline of the finger shows", "wanted")):
         fit_outline(replace(drawn.rest, picture=empty), model, BodyPose())
+
+
+def test_a_strip_of_tape_along_the_edge_moves_nothing(found: Outline, drawn: Draw, model: ModelOutline) -> None:
+    picture = drawn.rest.picture.copy()
+    at = found.pixel[:, 0]
+    taped = slice(*np.quantile(at, [0.3, 0.5]).astype(int).tolist())
+    picture[:, taped] = np.roll(picture[:, taped], 4, axis=0)
+    again = fit_outline(replace(drawn.rest, picture=picture), model, BodyPose())
+    moved = np.subtract([again.pose.x_mm, again.pose.z_mm, again.pose.turn],
+                        [found.pose.x_mm, found.pose.z_mm, found.pose.turn])  # fmt: skip
+    assert (np.abs(moved) < np.sqrt(np.diag(found.covariance))).all()
