@@ -30,6 +30,7 @@ from twin.judging.judged import Judged
 
 TIE = 6.0  # 2 ln B: below it neither of two models is preferred (Kass & Raftery 1995, doi 10.2307/2291091)
 SECOND = 25.0  # by which several together must be ahead of every single one
+NONE = "none of these"  # the verdict where nothing of the library explains the data
 POWER = 0.9  # with which a size must be found to be named
 
 
@@ -74,8 +75,13 @@ class Diagnosis:
 
     @property
     def mechanisms(self) -> tuple[Mechanism, ...]:
-        """The mechanisms of what is named, or comes nearest, that of the best first."""
-        return tuple(dict.fromkeys(e.mechanism for h in self.tied for e in h.effects))
+        """The mechanisms of what is named, that of the best first; where nothing is, of what comes nearest:
+        an effect or a stand-in."""
+        near = self.tied
+        if self.verdict == NONE:
+            rows = ranked([*near, *self.resembles])
+            near = tuple(h for h in rows if close(h, rows[0]))
+        return tuple(dict.fromkeys(e.mechanism for h in near for e in h.effects))
 
     @property
     def shared(self) -> dict[str, Estimate]:

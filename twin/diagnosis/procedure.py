@@ -12,7 +12,7 @@ import numpy as np
 
 from calibrate import Fit
 from twin.diagnosis.classes import classes_of
-from twin.diagnosis.deciding import Diagnosis, decided
+from twin.diagnosis.deciding import NONE, Diagnosis, decided
 from twin.diagnosis.grades import Grade, grade_of
 from twin.diagnosis.hypotheses import Hypothesis, Refit
 from twin.diagnosis.lawresidual import law_residual
@@ -180,7 +180,7 @@ def _completed(
     diagnosis = replace(diagnosis, classes=classes_of(signatures), detectable=tuple(rows))
     if diagnosis.verdict == "none needed":
         return replace(diagnosis, sentence=f"{diagnosis.sentence} {sizes_in_words(rows)}".strip())
-    if diagnosis.verdict == "none of these":
+    if diagnosis.verdict == NONE:
         shares = scaling_of(base, targets)
         text = f"{diagnosis.sentence} {scaling_in_words(shares)}".strip()
         return replace(diagnosis, scaling=shares, sentence=text)

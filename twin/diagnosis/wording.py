@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from twin.diagnosis.deciding import Decision, Diagnosis
+from twin.diagnosis.deciding import NONE, Decision, Diagnosis
 from twin.diagnosis.grades import FORETOLD, RIGHT, Grade
 from twin.diagnosis.hypotheses import Hypothesis, ranked
 from twin.effects.labels import KINDS, OR
@@ -147,7 +147,7 @@ def _unknown(nearest: Sequence[Hypothesis], base: Judged, rows: Sequence[Hypothe
     ]  # fmt: skip
     said = f" The nearest effects: {', '.join(told)}." if told else " No effect lowers the error."
     return Diagnosis(
-        verdict="none of these",
+        verdict=NONE,
         sentence=(
             "Something is missing that the library does not have. "
             f"{error_in_words(comparison)}{like}{said} {_place(comparison)}"

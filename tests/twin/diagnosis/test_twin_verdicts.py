@@ -18,6 +18,7 @@ from twin.diagnosis.procedure import _astray, diagnose
 from twin.diagnosis.wording import unrefitted
 from twin.effects.labels import KINDS
 from twin.effects.library import all_effects
+from twin.effects.mechanism import Mechanism
 from twin.effects.protocol import Effect, Unsolvable
 from twin.files import plain
 from twin.judging import judged
@@ -143,8 +144,18 @@ def test_what_only_a_stand_in_explains_is_none_of_these_and_told() -> None:
     force, fields = toy_effect("pull", kind="outside force"), {"pull": smooth_field(50)}
     found = diagnosed(0.2 * fields["pull"][0], fields=fields, beside=(force,))
     assert (found.verdict, found.named, found.kept) == ("none of these", (), None)
+    assert found.mechanisms == (Mechanism.LOAD,)
     assert "looks like 0.20 of pull" in found.sentence
     assert plain(DiagnosisRecord.of(found))["resembles"][0]["kind"] == "outside force"
+
+
+def test_the_mechanism_is_that_of_a_stand_in_which_is_ahead_of_every_effect() -> None:
+    course, pull = toy_effect("course", kind="pressure course"), smooth_field(50)
+    type(course).mechanism = Mechanism.COURSE
+    fields = {"course": pull, "alpha": pull + 0.5 * FIELDS["beta"]}
+    found = diagnosed(0.2 * pull[0], fields=fields, beside=(course,))
+    assert (found.verdict, found.nearest) == ("none of these", ("alpha",))
+    assert (found.tied[0].effect.mechanism, found.mechanisms) == (Mechanism.LOAD, (Mechanism.COURSE,))
 
 
 def test_what_nothing_explains_is_none_of_these() -> None:
