@@ -80,19 +80,22 @@ def node(value: Array, marks: Sequence[Mark], slope: Array, sd: float, measured_
 def slopes(value: Array, marks: Sequence[Mark], turns: Array) -> Array:
     """Slopes (s,p,2,2) of the displacement's x and z by the material point's x and z; 0 off the finger.
 
-    Along the finger it is the chord between the neighbouring finger marks, stretch included, less what their
-    heights make of it; without one, and across the finger, that of the turn (s,p) rad, R - 1.
+    Across the finger it is that of the turn (s,p) rad, R - 1; along it that of the turn too, and what the
+    chord between the neighbouring finger marks stretches beyond their turns, all at the mark's height. A
+    chord alone is the slope half way to the neighbour where the first or last mark has one only.
     """
     out = np.zeros((*turns.shape, 2, 2))
     points, finger = np.array([mark.position for mark in marks]), with_role(marks, "finger")
+    along, across = _turned(turns)
     for p in finger:
-        along, out[:, p, :, 1] = _turned(turns[:, p])
-        a, b = _beside(points, finger, p)
-        if points[b, 0] > points[a, 0]:
-            (x, _, z), across = points[b] - points[a], out[:, p, :, 1]
-            chord = ((value[:, b] - value[:, a])[:, [0, 2]] - z * across) / x
-            along = np.where(np.isfinite(chord), chord, along)
-        out[:, p, :, 0] = along
+        out[:, p] = np.stack([along[:, p], across[:, p]], axis=-1)
+        ends = np.array(_beside(points, finger, p))
+        x, _, z = (points[ends] - points[p]).T
+        if x[1] > x[0]:
+            a, b = np.moveaxis(value[:, ends][..., [0, 2]] - z[:, None] * across[:, ends], 1, 0)
+            half = (along[:, ends] + along[:, p, None]) / 2.0
+            stretch = (b - a - x[1] * half[:, 1] + x[0] * half[:, 0]) / (x[1] - x[0])
+            out[:, p, :, 0] += np.nan_to_num(stretch)
     return out
 
 
@@ -292,9 +295,9 @@ def stacked(parts: Sequence[Named], seen: NDArray[np.bool_]) -> tuple[Array, tup
 
 
 def _turned(turn: Array) -> tuple[Array, Array]:
-    """(R - 1) e_x and (R - 1) e_z, (s,2) each, of turns (s,) rad from x towards z."""
+    """(R - 1) e_x and (R - 1) e_z, (...,2) each, of turns (...) rad from x towards z."""
     cosine, sine = np.cos(turn) - 1.0, np.sin(turn)
-    return np.stack([cosine, sine], axis=1), np.stack([-sine, cosine], axis=1)
+    return np.stack([cosine, sine], axis=-1), np.stack([-sine, cosine], axis=-1)
 
 
 def _add(modes: dict[str, Array], name: str, value: Array, p: int, xz: Array) -> None:

@@ -49,17 +49,22 @@ def sides(linear: Array) -> Array:
 
 
 def finger_turns(value: Array, rotation: Array, marks: Sequence[Mark]) -> Array:
-    """Rotation (s,p) rad of the finger where each mark sits; a dot takes the chord between its neighbours."""
+    """Rotation (s,p) rad of the finger where each mark sits; a dot takes the chord between its neighbours.
+
+    The first and the last have one neighbour: a chord turns by the mean of its two ends.
+    """
     points = np.array([mark.position for mark in marks])
     finger = sorted((p for p, mark in enumerate(marks) if mark.role == "finger"), key=lambda p: points[p, 0])
     turned = np.where(np.isfinite(value[:, :, 0]), rotation, 0.0)
-    for i, p in enumerate(finger):
+    for i, p in sorted(enumerate(finger), key=lambda item: item[0] in (0, len(finger) - 1)):
         if marks[p].kind.shows_turn or len(finger) < 2:
             continue
         a, b = finger[max(i - 1, 0)], finger[min(i + 1, len(finger) - 1)]
         chord = (points[b] - points[a])[[0, 2]]
         now = chord + (value[:, b] - value[:, a])[:, [0, 2]]
         turned[:, p] = np.arctan2(chord[0] * now[:, 1] - chord[1] * now[:, 0], now @ chord)
+        if p in (a, b) and len(finger) > 2:
+            turned[:, p] = 2.0 * turned[:, p] - turned[:, a + b - p]
     return np.nan_to_num(turned)
 
 
