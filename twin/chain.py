@@ -141,8 +141,8 @@ COMMANDS = (
     ),
     Stage(
         name="compare", title="Say where the model and the measurement differ.",
-        reads=FITTED,
-        writes=("comparison.json", "prediction.npz"),
+        reads=(*FITTED, "[outline]"),
+        writes=("comparison.json", "prediction.npz", "outline.json", "outline.csv", "outline.png"),
         group=Group.CALIBRATE, function="twin.commands.compare:run_compare", solves=True, alone="two",
     ),
     Stage(

@@ -128,3 +128,16 @@ class PoseTable(TableModel):
         default=0.05,
         description="distance of the edge that is seen from the finger's, by light and round corners, mm",
     )
+
+
+class OutlineTable(TableModel):
+    """The outline of the moved finger, which carries no tags, beside the markers."""
+
+    use: bool = Field(
+        default=False,
+        description="true: `twin compare` lays the edges of the finger in the film beside the fitted "
+        "model's, and names a tag that does not move as the body beside it",
+    )
+    moments: int = Field(
+        default=8, ge=2, le=100, description="moments at which it does, spread over the path of the pressure"
+    )

@@ -36,6 +36,7 @@ from twin.diagnosis.explanation import EvidenceRecord
 from twin.effects.library import all_effects
 from twin.effects.protocol import Effect
 from twin.effects.requirements import MEANING
+from twin.inputs.outlinechecks import OutlineRecord
 from twin.judging.fitrecord import ComparisonRecord, FitRecord
 from twin.project.config import Config
 from twin.records import Record
@@ -46,7 +47,7 @@ from twin.virtual.protocols import PROTOCOLS, Protocol
 DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
 RECORDS: tuple[type[Record], ...] = (
-    FitRecord, ComparisonRecord, DiagnosisRecord, EvidenceRecord, Confirmation, ProfilesRecord,
+    FitRecord, ComparisonRecord, OutlineRecord, DiagnosisRecord, EvidenceRecord, Confirmation, ProfilesRecord,
     PosteriorRecord, LawsRecord, ParetoRecord, ExploredRecord, PredictionRecord, ModelRecord, Study,
 )  # fmt: skip
 COLUMNS = 120
@@ -73,6 +74,7 @@ WHAT = {
     "frame.markers": "Markers on the rig, where no sheet has them.",
     "pose": "Where the finger stands in the axes of the frame markers. Left out with stated places: they are "
     "measured from the clamp on, and define the axes.",
+    "outline": "The [outline](measuring-chain.md) of the moved finger beside the markers.",
     "points": "Points on the finger.",
     "dic": "A speckled part of the side face, in place of markers or beside them.",
     "calibrate": "The fit of the material.",

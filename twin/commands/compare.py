@@ -13,7 +13,8 @@ from twin.bench.workbench import Workbench
 from twin.judging.comparison import Comparison
 from twin.judging.fitrecord import ComparisonRecord, MapRow
 from twin.messages import Say
-from twin.project.folder import Project
+from twin.project.folder import Project, Run
+from twin.targets import Array
 
 
 def run_compare(
@@ -41,9 +42,10 @@ def run_compare(
         beside = file.with_name(ComparisonRecord.file)
         held = files.read(ComparisonRecord, beside).held_out if beside.is_file() else ()
         write_comparison(run, judgement.predicted, comparison, held)
+        outline = _outline(bench, run, fit.theta, judgement.predicted)
         for line in (*bench.remarks, model.extent, *_lines(comparison)):
             run.note(line)
-    for sentence in filter(None, (comparison.where, comparison.leans)):
+    for sentence in filter(None, (comparison.where, comparison.leans, *outline)):
         say(sentence)
     if judgement.crossed:
         say(
@@ -52,6 +54,24 @@ def run_compare(
         )
     say(f"Wrote {project.shown(run.folder)}/comparison.json, with tables by marker, pressure and direction.")
     return {"stage": "compare", "run": run.name} | files.plain(comparison.record())
+
+
+def _outline(bench: Workbench, run: Run, theta: Array, predicted: Array) -> tuple[str, ...]:
+    """Sentences on the outline of the finger beside the fitted model's, written into the run; none where
+    twin.toml does not ask for it."""
+    table = bench.project.config.outline
+    if table is None or not table.use:
+        return ()
+    from twin.inputs.outlinechecks import checked_by_outline
+
+    try:
+        check = checked_by_outline(bench, theta, predicted, count=table.moments)
+    except ValueError as error:
+        return (f"The outline is not compared with the model: {error}.",)
+    run.write(check.record)
+    run.write_text("outline.csv", check.csv)
+    run.write_bytes("outline.png", check.drawn())
+    return check.said
 
 
 def _lines(comparison: Comparison) -> list[str]:

@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fe import Case
 from fe.element import Integers
@@ -91,20 +92,25 @@ class SeenOutline:
     def drawn(self) -> bytes:
         """The film at rest with the edge of the finger where it was found, as PNG: green where it lies within
         GOOD_MM of the fitted model's, else red."""
-        import cv2
-
         from vision.placing.outlines import GOOD_MM
 
-        picture = np.clip(self.picture, 0, 255).astype(np.uint8)
-        large = cv2.resize(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), None, fx=2, fy=2)
-        for (x, y), off in zip(2.0 * self.found.pixel + 0.5, self.found.residual, strict=True):
-            colour = (80, 230, 80) if abs(off) < GOOD_MM else (60, 60, 255)
-            cv2.circle(large, (round(x * 16), round(y * 16)), 24, colour, -1, cv2.LINE_AA, 4)
-        return bytes(cv2.imencode(".png", large)[1])
+        return drawn(self.picture, self.found.pixel, np.abs(self.found.residual) < GOOD_MM)
 
     @property
     def _shown(self) -> "dict[str, Size]":
         return {size.name: size for size in self.found.sizes if size.shown}
+
+
+def drawn(picture: Array, pixel: Array, right: NDArray[np.bool_]) -> bytes:
+    """A picture (h, w) with places (k, 2) px of an edge, green where they are right, else red, as PNG."""
+    import cv2
+
+    grey = np.clip(picture, 0, 255).astype(np.uint8)
+    large = cv2.resize(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), None, fx=2, fy=2)
+    for (x, y), good in zip(2.0 * pixel + 0.5, right, strict=True):
+        colour = (80, 230, 80) if good else (60, 60, 255)
+        cv2.circle(large, (round(x * 16), round(y * 16)), 24, colour, -1, cv2.LINE_AA, 4)
+    return bytes(cv2.imencode(".png", large)[1])
 
 
 def _is_off(size: "Size") -> bool:

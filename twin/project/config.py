@@ -19,7 +19,7 @@ from twin.gauge.pressuretable import PressureTable
 from twin.laws.catalogue import LAWS, named_law
 from twin.laws.law import RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
-from twin.marktables import FrameTable, MarkTable, PointTable, PoseTable
+from twin.marktables import FrameTable, MarkTable, OutlineTable, PointTable, PoseTable
 from twin.project.cameratables import CameraTable, DicTable, FilmTable, MeasureTable
 from twin.project.targetschema import shares_by_surface
 from twin.tablemodel import (
@@ -276,6 +276,7 @@ class Config(TableModel):
     measure: MeasureTable = MeasureTable()
     frame: FrameTable = FrameTable()
     pose: PoseTable | None = None
+    outline: OutlineTable | None = None
     points: tuple[PointTable, ...] = Field(min_length=1)
     dic: DicTable | None = None
     calibrate: CalibrateTable = CalibrateTable()

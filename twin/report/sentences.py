@@ -3,9 +3,11 @@
 import re
 from typing import Any
 
+from twin.bench.fits import newest
 from twin.chain import STAGES, When
 from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.wording import capital
+from twin.inputs.outlinechecks import OutlineRecord
 from twin.judging.comparison import right_in_words
 from twin.report.story import Story
 
@@ -59,8 +61,10 @@ def opening(story: Story) -> list[str]:
 
 
 def where(story: Story) -> str:
-    """Sentence on the largest errors of the model without effects."""
-    return story.before.where if story.before else ""
+    """Sentences on the largest errors of the model without effects, and on the outline beside it."""
+    outline = newest(story.project, OutlineRecord)
+    said = outline.said if outline else ()
+    return " ".join(filter(None, (story.before.where if story.before else "", *said)))
 
 
 def mechanism(story: Story) -> str:

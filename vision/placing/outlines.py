@@ -1,7 +1,8 @@
 """Where a body stands, and how large it is, by its outline in a picture at rest."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -19,7 +20,7 @@ from vision.marks import Mark, frame_places, rows_of
 from vision.perspective import Viewpoint
 from vision.placing.planeerrors import principal
 from vision.placing.restplaces import BodyPose
-from vision.placing.silhouettes import BodySurface, Silhouette, cut, on_plane, silhouette
+from vision.placing.silhouettes import BodySurface, Cut, Silhouette, cut, on_plane, silhouette
 from vision.plane import MIN_VISIBLE, misplaced, plane_of
 
 STEP_PX = 0.25  # along a normal
@@ -74,6 +75,7 @@ class Outline:
     pixel: Array  # (k,2) raw px, of the edge where it was found
     residual: Array  # (k,) mm, how far outside the fitted model it lies
     looked: int  # places that were looked at
+    fit: "EdgeFit" = field(repr=False)
 
 
 Make = Callable[[Mapping[str, float]], BodySurface]  # the solid with such changes of its numbers
@@ -112,7 +114,7 @@ def picture_at_rest(
                 stated.height_mm, edge_mm)  # fmt: skip
 
 
-class _Sight:
+class RestSight:
     """The picture at rest, in the plane of the frame marks."""
 
     def __init__(self, rest: RestPicture) -> None:
@@ -124,6 +126,12 @@ class _Sight:
         self.plane_mm = float(np.mean([m.position[1] for m in rest.marks if m.role == "frame"]))
         ends = self.pixels(nominal.mean(axis=0) + np.array([[0.0, 0.0], [1.0, 0.0]]))
         self.px_per_mm = float(np.linalg.norm(ends[1] - ends[0]))
+
+    def with_picture(self, picture: Array) -> "RestSight":
+        """The same rig in another picture (h,w)."""
+        other = copy(self)
+        other.rest = replace(self.rest, picture=picture)
+        return other
 
     def pixels(self, place: Array) -> Array:
         """Raw pixels (...,2) of places (...,2) mm."""
@@ -186,10 +194,10 @@ def fit_outline(rest: RestPicture, make: Make, start: BodyPose, *, prior: Array 
     outline is seen.
     """
     with np.errstate(under="ignore"):  # of curvatures and slopes that are next to nothing
-        return _fitted(_Sight(rest), make, start, prior)
+        return _fitted(RestSight(rest), make, start, prior)
 
 
-def _fitted(sight: _Sight, make: Make, start: BodyPose, prior: Array | None) -> Outline:
+def _fitted(sight: RestSight, make: Make, start: BodyPose, prior: Array | None) -> Outline:
     """The body as its outline shows it, as `fit_outline` says."""
     solid = make({})
     pose, sign = _searched(sight, sight.outline(solid, start), start)
@@ -197,13 +205,13 @@ def _fitted(sight: _Sight, make: Make, start: BodyPose, prior: Array | None) -> 
     first = sight.edges(line, sign, REACHES[0][0], np.zeros(len(line.place)))
     _check_seen(int(np.isfinite(first).sum()), len(first))
     count = len(solid.changed)
-    fit = _Fit.of(sight, solid, pose, np.zeros(count + len(sight.steps)), sign)
+    fit = EdgeFit.of(sight, solid, pose, np.zeros(count + len(sight.steps)), sign)
     for k, (reach, least) in enumerate(REACHES):
         fit = fit.solved(reach, least, start, prior)
         if fit.ahead > FAR_MM and k < len(REACHES) - 1:
             off = np.where(fit.shown | (np.arange(len(fit.off)) >= count), fit.off, 0.0)
             solid = make({c.name: float(v) for c, v in zip(solid.changed, off[:count], strict=True)})
-            fit = _Fit.of(sight, solid, fit.stands, off, sign)
+            fit = EdgeFit.of(sight, solid, fit.stands, off, sign)
     return fit.outline(solid, prior)
 
 
@@ -217,7 +225,7 @@ def _check_seen(count: int, looked: int) -> None:
         )
 
 
-def _searched(sight: _Sight, line: Silhouette, start: BodyPose) -> tuple[BodyPose, float]:
+def _searched(sight: RestSight, line: Silhouette, start: BodyPose) -> tuple[BodyPose, float]:
     """The pose near a start at which the picture changes most across the outline, and 1 where the ground is
     lighter than the body, else -1."""
     shifts, turns = np.arange(-SEARCH_MM, SEARCH_MM + 0.1, 0.5), np.linspace(-SEARCH_TURN, SEARCH_TURN, 9)
@@ -245,10 +253,10 @@ def _shifted(place: Array, shifts: Array) -> Array:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Fit:
+class EdgeFit:
     """The outline of the model, what moves it, and how far from it the film's is."""
 
-    sight: _Sight
+    sight: RestSight
     pose: BodyPose  # of the model as it is drawn
     line: Silhouette
     sign: float
@@ -261,20 +269,19 @@ class _Fit:
     spread: Array  # (3+q+n,3+q+n)
 
     @classmethod
-    def of(cls, sight: _Sight, solid: BodySurface, pose: BodyPose, made: Array, sign: float) -> "_Fit":
+    def of(cls, sight: RestSight, solid: BodySurface, pose: BodyPose, made: Array, sign: float) -> "EdgeFit":
         count = len(solid.changed)
-        looks, views = made[count:], made[count:] + LOOK * np.eye(len(sight.steps))
+        looks = made[count:]
         view = sight.view_of(looks)
         line = sight.outline(solid, pose, view)
         x, n = line.place, line.normal
-        turning = n[:, 1] * (x[:, 0] - pose.x_mm) - n[:, 0] * (x[:, 1] - pose.z_mm)
         here = sight.flat(solid.faces, pose, view)
         edge = cut(here, x, n)
         moved = [edge.of(sight.flat(c.faces, pose, view) - here, n) / c.change for c in solid.changed]
-        seen = (sight.flat(solid.faces, pose, sight.view_of(amplitude)) for amplitude in views)
-        moved += [edge.of(flat - here, n) / LOOK for flat in seen]
-        slope = np.nan_to_num(np.array(moved).reshape(-1, len(x)).T)
-        columns = np.column_stack([n, turning, slope, _beside(sight, line, pose, sight.view_of(looks))])
+        sizes = np.nan_to_num(np.array(moved).reshape(-1, len(x)).T)
+        looked = view_columns(sight, solid.faces, line, edge, pose, looks)
+        stands, beside = rig_columns(sight, x, n, pose, looks)
+        columns = np.column_stack([stands, sizes, looked, _edges_beside(sight, line, pose), beside])
         return cls(
             sight=sight, pose=pose, line=line, sign=sign, columns=columns, made=made,
             known=np.array([*(c.sd for c in solid.changed), *np.ones(len(looks))]),
@@ -293,6 +300,20 @@ class _Fit:
         return np.asarray(self.made + self.found[3 : 3 + len(self.known)])
 
     @property
+    def looks(self) -> Array:
+        """Amplitudes (r,) found of from where the camera looks."""
+        return self.off[len(self.off) - len(self.sight.steps) :]
+
+    @property
+    def rig_spread(self) -> Array:
+        """Covariance of pose, view, and frame marks, scale and distance, as their columns are."""
+        few, count = 3 + len(self.known), len(self.known) - len(self.sight.steps)
+        beside = 2 * len(self.sight.rest.marks) + 2
+        last = np.arange(len(self.spread) - beside, len(self.spread))
+        rows = np.concatenate([np.arange(3), np.arange(3 + count, few), last])
+        return np.asarray(self.spread[np.ix_(rows, rows)])
+
+    @property
     def shown(self) -> NDArray[np.bool_]:
         """Which (q,) of the numbers the outline tells: their sd is far below what was known."""
         return np.asarray(np.sqrt(np.diag(self.spread))[3 : 3 + len(self.known)] < KNOWN * self.known)
@@ -303,7 +324,7 @@ class _Fit:
         few = slice(3 + len(self.known))
         return float(np.abs(self.columns[:, few] @ self.found[few]).max(initial=0.0))
 
-    def solved(self, reach: float, least: float, start: BodyPose, prior: Array | None) -> "_Fit":
+    def solved(self, reach: float, least: float, start: BodyPose, prior: Array | None) -> "EdgeFit":
         """The fit to the edges within `reach` mm of the model found so far; places are judged by an sd of
         `least` mm or more."""
         few = 3 + len(self.known)
@@ -314,21 +335,11 @@ class _Fit:
         pull = np.zeros(len(before))
         pull[:3] = start.x_mm - self.pose.x_mm, start.z_mm - self.pose.z_mm, start.turn - self.pose.turn
         pull[3:few] = -self.made
-        there, edge = np.isfinite(seen), self.sight.rest.edge_mm
-        weight, sd, columns = there.astype(float), max(least, edge), self.columns
-        found, left = np.zeros(len(before)), seen
-        for _ in range(TURNS if there.sum() > LEAST / 2 else 0):
-            normal = (columns.T * weight) @ columns / sd**2 + np.diag(before)
-            right = (columns.T * weight) @ np.nan_to_num(seen) / sd**2 + before * pull
-            found = np.linalg.solve(normal, right)
-            left = seen - columns @ found
-            sd = max(1.4826 * float(np.median(np.abs(left[there]))), WANDER * edge, least)
-            share = np.nan_to_num(left) / (TUKEY * max(sd, edge))
-            weight = np.where(there, np.maximum(1.0 - share**2, 0.0) ** 2, 0.0)
-        alike = _alike(np.where(weight > 0, left, np.nan))
-        normal = (columns.T * weight) @ columns / (sd**2 * alike) + np.diag(before)
-        spread = np.linalg.pinv(normal, hermitian=True)
-        return replace(self, found=found, residual=left, weight=weight, spread=spread)
+        found = robust(
+            self.columns, seen, before=before, pull=pull, edge=self.sight.rest.edge_mm, least=least
+        )
+        return replace(self, found=found.amplitude, residual=found.left, weight=found.weight,
+                       spread=found.spread)  # fmt: skip
 
     def outline(self, solid: BodySurface, prior: Array | None) -> Outline:
         """What is found; ValueError where it is not enough."""
@@ -345,13 +356,71 @@ class _Fit:
         )
         return Outline(
             pose=self.stands, covariance=self.spread[:3, :3] + open_pose * far**2, sizes=sizes,
-            pixel=self.sight.pixels(edge[good]), residual=self.residual[good], looked=looked,
+            pixel=self.sight.pixels(edge[good]), residual=self.residual[good], looked=looked, fit=self,
         )  # fmt: skip
 
 
-def _beside(sight: _Sight, line: Silhouette, pose: BodyPose, view: Viewpoint) -> Array:
-    """What moves the outline beside pose and sizes (k,n), 1 sd each: each side's edge is elsewhere, frame
-    marks are off, the scale is, the body is nearer to the camera, and what is curved is rounder."""
+@dataclass(frozen=True)
+class Robust:
+    """Amplitudes of columns by what is seen, with Tukey's weights."""
+
+    amplitude: Array  # (n,)
+    left: Array  # (k,) mm, NaN where nothing is seen
+    weight: Array  # (k,)
+    spread: Array  # (n,n) covariance of the amplitudes
+    sd: float  # mm, of one place
+
+
+def robust(columns: Array, seen: Array, *, before: Array, pull: Array, edge: float, least: float) -> Robust:
+    """The amplitudes of columns (k,n) that explain what is seen (k,) mm.
+
+    before, pull: (n,) 1/variance of each amplitude and its value, as known before.   edge: mm, as of a
+    picture.   least: mm, the smallest sd of a place that judges it.
+    """
+    there = np.isfinite(seen)
+    weight, sd = there.astype(float), max(least, edge)
+    found, left = np.zeros(len(before)), seen
+    for _ in range(TURNS if there.sum() > LEAST / 2 else 0):
+        normal = (columns.T * weight) @ columns / sd**2 + np.diag(before)
+        right = (columns.T * weight) @ np.nan_to_num(seen) / sd**2 + before * pull
+        found = np.linalg.solve(normal, right)
+        left = seen - columns @ found
+        sd = max(1.4826 * float(np.median(np.abs(left[there]))), WANDER * edge, least)
+        share = np.nan_to_num(left) / (TUKEY * max(sd, edge))
+        weight = np.where(there, np.maximum(1.0 - share**2, 0.0) ** 2, 0.0)
+    alike = _alike(np.where(weight > 0, left, np.nan))
+    normal = (columns.T * weight) @ columns / (sd**2 * alike) + np.diag(before)
+    return Robust(found, left, weight, np.linalg.pinv(normal, hermitian=True), sd)
+
+
+def rig_columns(
+    sight: RestSight, place: Array, normal: Array, pose: BodyPose, looks: Array
+) -> tuple[Array, Array]:
+    """What moves places (k,2) mm of a body along normals (k,2) and is of the rig: 1 mm in x, in z and 1 rad
+    (k,3); frame marks, the scale and the distance from the camera (k,m), 1 sd each.   looks: (r,) of the
+    view."""
+    rest, view, x, n = sight.rest, sight.view_of(looks), place, normal
+    turning = n[:, 1] * (x[:, 0] - pose.x_mm) - n[:, 0] * (x[:, 1] - pose.z_mm)
+    frame = rest.frame_mm * (misplaced(sight.plane, x[None])[:, 0] * n).sum(axis=-1).T
+    scale = rest.scale * (x * n).sum(axis=1)
+    nearer = rest.height_mm * ((x - view.foot) * n).sum(axis=1) / view.distance
+    return np.column_stack([n, turning]), np.column_stack([frame, scale, nearer])
+
+
+def view_columns(
+    sight: RestSight, faces: Array, line: Silhouette, edge: Cut, pose: BodyPose, looks: Array
+) -> Array:
+    """What moves an outline of faces (f,c,3) mm along its normals as the camera looks from elsewhere (k,r),
+    1 sd each.   edge: where the faces are the outline."""
+    here = sight.flat(faces, pose, sight.view_of(looks))
+    views = (sight.view_of(looks + LOOK * one) for one in np.eye(len(looks)))
+    looked = [edge.of(sight.flat(faces, pose, other) - here, line.normal) / LOOK for other in views]
+    return np.nan_to_num(np.array(looked).reshape(-1, len(line.place)).T)
+
+
+def _edges_beside(sight: RestSight, line: Silhouette, pose: BodyPose) -> Array:
+    """What moves the outline and is of its edges (k,n), 1 sd each: each side's edge is elsewhere, and anew
+    from piece to piece, and what is curved is rounder."""
     rest, x, n = sight.rest, line.place, line.normal
     c, s = np.cos(pose.turn), np.sin(pose.turn)
     own = n @ np.array([[c, -s], [s, c]])
@@ -359,11 +428,7 @@ def _beside(sight: _Sight, line: Silhouette, pose: BodyPose, view: Viewpoint) ->
     edges = rest.edge_mm * (side[:, None] == np.arange(4))
     piece = (np.cumsum(np.linalg.norm(np.diff(x, axis=0, prepend=x[:1]), axis=1)) / PIECE_MM).astype(int)
     pieces = WANDER * rest.edge_mm * (piece[:, None] == np.unique(piece))
-    frame = rest.frame_mm * (misplaced(sight.plane, x[None])[:, 0] * n).sum(axis=-1).T
-    scale = rest.scale * (x * n).sum(axis=1)
-    nearer = rest.height_mm * ((x - view.foot) * n).sum(axis=1) / view.distance
-    rounded = rest.edge_mm * ROUND_MM * line.curvature
-    return np.column_stack([edges, pieces, frame, scale, nearer, rounded])
+    return np.column_stack([edges, pieces, rest.edge_mm * ROUND_MM * line.curvature])
 
 
 def _seen_from(rest: RestPicture, nominal: Array) -> tuple[Array, Array]:
