@@ -156,8 +156,20 @@ def motion_fault(targets: Targets, case: "Case", *, bends_down: bool) -> str:
 
 
 def doubts(targets: Targets, case: "Case") -> tuple[str, ...]:
-    """Doubts about targets, one sentence each: points that may be exchanged, or times in another unit."""
-    return tuple(filter(None, (_overtaken(targets, case), _late(targets))))
+    """Doubts about targets, one sentence each: points that may be exchanged, times in another unit, loads on
+    a body without weight."""
+    return tuple(filter(None, (_overtaken(targets, case), _late(targets), _weightless(targets, case))))
+
+
+def _weightless(targets: Targets, case: "Case") -> str:
+    """Doubt about a body that something hangs on, and that has no weight itself."""
+    if not targets.loads or any(m.density for m in case.materials.values()):
+        return ""
+    return (
+        f"The targets hang loads on the body (at {targets.loads[0].at}), but the model has no density: its own "
+        "weight, which acts with them, is left out. Weigh the silicone and state density_kg_m3 and gravity "
+        "under [model] of twin.toml."
+    )
 
 
 def _late(targets: Targets) -> str:

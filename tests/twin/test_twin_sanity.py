@@ -25,7 +25,7 @@ from twin.sanity import (
     top_fault,
     zero_fault,
 )
-from twin.targets import Targets, at_node
+from twin.targets import Load, Targets, at_node
 
 
 @pytest.fixture
@@ -238,3 +238,10 @@ def test_a_value_that_stands_for_no_reading_is_no_sign() -> None:
 def test_targets_in_which_nothing_is_valid_are_refused(moving: Targets, short_case: Case) -> None:
     unseen = replace(moving, valid=np.zeros_like(moving.valid))
     assert motion_fault(unseen, short_case, bends_down=True).startswith("no displacement of a point on the finger is valid")
+
+
+def test_loads_on_a_body_without_weight_are_told(moving: Targets, short_case: Case) -> None:
+    hung = replace(moving, loads=(Load(0, "tip", weight_g=20.0),))
+    (told,) = doubts(hung, short_case.with_material(density=0.0))
+    says(told, "(at tip)", "no density", "density_kg_m3")
+    assert doubts(hung, short_case.with_material(density=1.07e-9)) == ()
