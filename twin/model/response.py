@@ -267,8 +267,11 @@ class Surrogate(Model):
 
     @cached_property
     def _fitted(self) -> "_Process":
-        """The process at the stretch of the amplitudes' scales under which what is known is likeliest."""
-        return max((self._at(stretch) for stretch in STRETCHES), key=lambda one: one.likelihood)
+        """The process at the stretch of the amplitudes' scales under which what is known is likeliest; where
+        larger amplitudes were solved than these scales are for, of scales as large."""
+        added = self._points[0][:, [not axis.of_base and not axis.free for axis in self.axes]]
+        least = max(1.0, float(np.sqrt((added**2).sum(axis=1).max(initial=0.0))) / FAR)
+        return max((self._at(least * stretch) for stretch in STRETCHES), key=lambda one: one.likelihood)
 
     def _at(self, stretch: float) -> "_Process":
         x, along = self._points

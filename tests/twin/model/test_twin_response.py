@@ -83,6 +83,18 @@ def test_its_derivatives_are_those_of_its_answer(response: Surrogate) -> None:
         np.testing.assert_allclose((ends[0] - ends[1]) / (2 * step), row, rtol=0, atol=1e-4 * np.abs(row).max())
 
 
+def test_an_amplitude_far_beyond_its_plausible_range_is_answered(base: KeptModel) -> None:
+    own = effect("hoop_reinforcement")
+    whole = base.with_effect(own)
+    assert isinstance(whole, KeptModel)
+    response = Surrogate.of(whole, base, BASE, base.tangents(BASE, [own]))
+    theta = np.array([*BASE, 40 * response.axes[2].scale])  # N/mm
+    known = response.certified(theta)
+    u, sd = known.answer(theta * (1.0, 1.0, 1.01))
+    error = np.abs(u - whole.predict(theta)).max()
+    assert error < min(0.05 * np.abs(u).max(), 3 * sd.max())
+
+
 def test_far_from_every_solve_it_does_not_answer(response: Surrogate) -> None:
     scale = response.axes[0].scale
     theta = at(response)
