@@ -166,9 +166,9 @@ def _weightless(targets: Targets, case: "Case") -> str:
     if not targets.loads or any(m.density for m in case.materials.values()):
         return ""
     return (
-        f"The targets hang loads on the body (at {targets.loads[0].at}), but the model has no density: its own "
-        "weight, which acts with them, is left out. Weigh the silicone and state density_kg_m3 and gravity "
-        "under [model] of twin.toml."
+        f"The targets hang loads on the body (at {targets.loads[0].at}), but the model has no density: its "
+        "own weight, which acts with them, is left out. Weigh the silicone and state density_kg_m3 and "
+        "gravity under [model] of twin.toml."
     )
 
 
