@@ -91,7 +91,8 @@ class ElasticClamp(Effect):
 
 
 class StrainLimitingLayer(Effect):
-    """A sheet of fabric or paper in the flat bottom: stiff along it, without stiffness to bending."""
+    """A sheet of fabric or paper in the flat bottom, or on the surface `strain_limiting_layer` of a deck:
+    stiff along it, without stiffness to bending."""
 
     name, order = "strain_limiting_layer", Order.MATERIAL
     mechanism = Mechanism.BODY
@@ -104,15 +105,15 @@ class StrainLimitingLayer(Effect):
     )
 
     def lacks(self, case: Case) -> str:
-        return "" if len(flat_bottom(case)) else "no flat bottom"
+        return "" if len(_bonded_to(case)) else "no flat bottom, and no surface strain_limiting_layer"
 
     def before(self, test: Test, theta: Theta) -> Test:
         case, name = test.case, "strain_limiting_layer"
-        bottom = flat_bottom(case)
-        if not len(bottom):
+        faces = _bonded_to(case)
+        if not len(faces):
             return test
         layer = Layer(name, theta["strain_limiting_layer.stiffness"])
-        return replace(test, case=replace(case, surfaces={**case.surfaces, name: bottom}, layer=layer))
+        return replace(test, case=replace(case, surfaces={**case.surfaces, name: faces}, layer=layer))
 
     def told(self, values: Theta) -> str:
         much = number(values["strain_limiting_layer.stiffness"])
@@ -192,6 +193,12 @@ def _wound_on(case: Case) -> Integers:
     """The faces (f, 2) that fibres lie on."""
     named = [case.surfaces[name] for name in ("hoop_reinforcement", "around") if name in case.surfaces]
     return named[0] if named else outer_skin(case)
+
+
+def _bonded_to(case: Case) -> Integers:
+    """The faces (f, 2) that a sheet lies on."""
+    named = case.surfaces.get("strain_limiting_layer")
+    return flat_bottom(case) if named is None else named
 
 
 def flat_bottom(case: Case) -> Integers:

@@ -100,6 +100,16 @@ def test_any_mesh_with_a_chamber_can_have_them(
     assert len(flat_bottom(case)) == (6 - 1 + 1) * 3 * (2 if kind.startswith(("C3D10", "C3D4")) else 1)
 
 
+def test_a_sheet_lies_on_the_surface_of_its_name(short_case: Case) -> None:
+    roof = short_case.surfaces["chamber"][::3]
+    own, sheet = replace(short_case, surfaces={**short_case.surfaces, "strain_limiting_layer": roof}), StrainLimitingLayer()
+    for case, faces in ((own, roof), (short_case, flat_bottom(short_case))):
+        changed = sheet.before(ramped(case), {"strain_limiting_layer.stiffness": 1.0}).case
+        assert changed.layer is not None
+        np.testing.assert_array_equal(changed.surfaces[changed.layer.surface], faces)
+        assert sheet.lacks(case) == ""
+
+
 def test_walls_that_would_close_are_refused_with_a_sentence(short_case: Case) -> None:
     with pytest.raises(Unsolvable, match=r"eccentric_core.mm = 2.6 mm: an element of the wall keeps .* of its volume"):
         EccentricCore().before(ramped(short_case), {"eccentric_core.mm": 2.6})
