@@ -27,7 +27,7 @@ def number(pattern: str, text: str) -> float:
 
 
 def test_every_script_is_short_and_said_in_the_docs() -> None:
-    assert len(SCRIPTS) == 6
+    assert len(SCRIPTS) == 7
     page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
     for path in SCRIPTS:
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 40
@@ -89,6 +89,12 @@ def test_own_effect(capsys: pytest.CaptureFixture[str]) -> None:
     u = by_hand.at(np.array([names["finger"].tip_node]))[:, 0, 2]
     assert (leak, none) == pytest.approx((u[1], u[2]), abs=1e-3)
     assert number(r"by # mm for each", text) == pytest.approx((leak - none) / 2, rel=0.03)  # the curve bends
+
+
+def test_my_simulator(capsys: pytest.CaptureFixture[str]) -> None:
+    _, text = printed("my_simulator", capsys)
+    assert text.startswith("Verdict: pressure_lag\n")
+    assert "lags 0.3 s behind the gauge" in text
 
 
 @pytest.mark.slow

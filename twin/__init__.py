@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from twin.calibrated.measurements import read_table
     from twin.contract.promises import check_effect
     from twin.effects.protocol import Effect, Order, Test
+    from twin.foreign.programs import simulator
     from twin.judging.comparison import compare
     from twin.judging.fitting import whitener_of
     from twin.model.prediction import Model
@@ -50,6 +51,7 @@ __all__ = [
     "open_project",
     "pneunet",
     "read_table",
+    "simulator",
     "tube",
     "whitener_of",
 ]
@@ -72,6 +74,7 @@ _HOME = {
     "open_project": "twin.notebook",
     "pneunet": "twin.calibrated.actuators",
     "read_table": "twin.calibrated.measurements",
+    "simulator": "twin.foreign.programs",
     "tube": "twin.calibrated.actuators",
     "whitener_of": "twin.judging.fitting",
 }

@@ -24,6 +24,8 @@ from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.effects.labels import name_of
 from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect, Unsolvable
+from twin.foreign.foreigndiagnosis import diagnosed
+from twin.foreign.programs import Simulator
 from twin.judging.comparison import Comparison, error_in_words
 from twin.judging.fitrecord import FitRecord
 from twin.judging.intervals import fit_record
@@ -254,6 +256,15 @@ class Diagnosed(Report):
 
     diagnosis: Diagnosis
 
+    @staticmethod
+    def of(diagnosis: Diagnosis) -> "Diagnosed":
+        """A diagnosis with a row for each effect of its ranking."""
+        rows = [
+            {"effect": h.effect.label, "score": float(h.z), "evidence": h.evidence, "note": h.note}
+            for h in diagnosis.ranking
+        ]
+        return Diagnosed(said=DiagnosisRecord.of(diagnosis).lines, rows=tuple(rows), diagnosis=diagnosis)
+
     @property
     def verdict(self) -> str:
         """The answer in a few words."""
@@ -266,7 +277,7 @@ class Diagnosed(Report):
 
 
 def diagnose(
-    fit: Calibration,
+    fit: "Calibration | Simulator",
     data: Targets | None = None,
     *,
     effects: Sequence[str | Effect] = (),
@@ -276,10 +287,13 @@ def diagnose(
 ) -> Diagnosed:
     """The physical effect that a calibrated model lacks, if the data tell it; `fit.add(found)` adds it.
 
-    data: by default those of the fit. effects: candidates, labels or effects of your own; by default the
-    library (docs/effects.md). stand_ins: whether generic effects are tried too, so that something unknown is
-    told from what the library has. Source of the evidence: docs/how-it-decides.md.
+    fit: a calibration, or somebody's own program (`twin.simulator`), which is fitted first. data: by default
+    those of the fit. effects: candidates, labels or effects of your own; by default the library
+    (docs/effects.md). stand_ins: whether generic effects are tried too, so that something unknown is told
+    from what the library has. Source of the evidence: docs/how-it-decides.md.
     """
+    if isinstance(fit, Simulator):
+        return _of_simulator(fit, data, effects, seed=seed, stand_ins=stand_ins, say=say or Silent())
     problem = fit.problem
     if data is not None and not np.array_equal(data.value, problem.targets.value, equal_nan=True):
         raise ValueError("data: not those of the fit; wanted the same table: calibrate with these first")
@@ -294,11 +308,19 @@ def diagnose(
         fit.judged.model, candidates, problem.targets, seed=seed, start=fit.fit, progress=progress,
         beside=None if stand_ins else (),
     )  # fmt: skip
-    rows = [
-        {"effect": h.effect.label, "score": float(h.z), "evidence": h.evidence, "note": h.note}
-        for h in diagnosis.ranking
-    ]
-    return Diagnosed(said=DiagnosisRecord.of(diagnosis).lines, rows=tuple(rows), diagnosis=diagnosis)
+    return Diagnosed.of(diagnosis)
+
+
+def _of_simulator(
+    simulator: Simulator, data: Targets | None, effects: Sequence[str | Effect], *, seed: int,
+    stand_ins: bool, say: Say,
+) -> Diagnosed:  # fmt: skip
+    if data is None:
+        raise ValueError("data: none; wanted the targets of twin.read_table(...) beside a simulator")
+    if named := [effect for effect in effects if isinstance(effect, str)]:
+        raise ValueError(f"effects: {named[0]!r}; wanted effects themselves, or none: all that it can have")
+    own = [effect for effect in effects if isinstance(effect, Effect)]
+    return Diagnosed.of(diagnosed(simulator, data, effects=own, seed=seed, stand_ins=stand_ins, say=say))
 
 
 @dataclass(frozen=True, eq=False)

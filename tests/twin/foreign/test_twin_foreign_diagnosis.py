@@ -1,0 +1,132 @@
+"""A program that is not ours is told what it lacks: a rod that bends in arcs, in plain numpy."""
+
+import numpy as np
+import pandas
+import pytest
+
+import twin
+from calibrate import Parameter
+from tests.messages import says
+from twin.effects.mechanism import Mechanism
+from twin.foreign.courseeffects import candidates, plain_stand_ins
+from twin.foreign.foreignmodel import ForeignModel
+from twin.foreign.programs import Simulator, Values, Variant
+from twin.targets import Array, Targets
+
+PLACES = {"a": (35.0, 0.0, 0.0), "b": (70.0, 0.0, 2.0), "tip": (100.0, 0.0, -4.0)}
+TIME = np.arange(0.0, 40.0, 0.5)
+LOG = np.arange(0.0, 39.6, 0.02)
+STIFF = Parameter("curvature", 0.05, 2.0, "1/(mm MPa)", start=0.5, typical=0.05)
+BEND = Parameter("bend", -20.0, 20.0, "1/(mm MPa2)", start=0.0, typical=1.0)
+TRUE = {"curvature": 0.4, "bend": 3.0}
+SD = 0.05
+
+
+def course(t: Array) -> Array:
+    """Two rises with holds, MPa."""
+    return np.interp(t, [0, 3, 8, 18, 22, 26, 30, 36, 40], [0, 0, 0.03, 0.03, 0.01, 0.01, 0.03, 0.03, 0.0])
+
+
+def arcs(values: Values, pressure: Array) -> Array:
+    """Displacements (s, 3, 3) mm of a rod whose curvature is a parabola of the pressure, less near the tip by
+    `taper`."""
+    s, places = np.linspace(0.0, 100.0, 101), np.array(list(PLACES.values()))
+    k = (values["curvature"] * pressure + values["bend"] * pressure**2)[:, None]
+    turn = k * (s - values.get("taper", 0.0) * s**2 / 200)
+    middle = (turn[:, 1:] + turn[:, :-1]) / 2
+    ends = [np.cumsum(f(middle), axis=1)[:, places[:, 0].astype(int) - 1] for f in (np.cos, np.sin)]  # of 1 mm each
+    at, z = turn[:, places[:, 0].astype(int)], places[:, 2]
+    u = np.zeros((len(pressure), 3, 3))
+    u[..., 0] = ends[0] + z * np.sin(at) - places[:, 0]
+    u[..., 2] = -ends[1] + z * (np.cos(at) - 1)
+    return u
+
+
+def data_of(u: Array, *, seed: int = 0) -> Targets:
+    seen = u + SD * np.random.default_rng(seed).standard_normal(u.shape)
+    rows = {"time_s": TIME, "pressure_kPa": 1e3 * course(TIME)}
+    rows |= {f"{n}_{a}_mm": seen[:, k, i] for k, n in enumerate(PLACES) for i, a in ((0, "x"), (2, "z"))}
+    log = pandas.DataFrame({"time_s": LOG, "pressure_kPa": 1e3 * course(LOG)})
+    return twin.read_table(pandas.DataFrame(rows), points=PLACES, sd_mm=SD, log=log)
+
+
+def rod(**more: object) -> Simulator:
+    return twin.simulator(arcs, [STIFF, BEND], **more)  # type: ignore[arg-type]
+
+
+def late(tau: float) -> Array:
+    """The pressure (s,) behind a first-order line, by Euler's method in small steps."""
+    t = np.arange(0.0, 40.0, 1e-3)
+    p, out = course(t), np.zeros(len(t))
+    for k in range(1, len(t)):
+        out[k] = out[k - 1] + 1e-3 / tau * (p[k - 1] - out[k - 1])
+    return np.interp(TIME, t, out)
+
+
+def test_nothing_is_missing_where_nothing_is_hidden() -> None:
+    found = twin.diagnose(rod(), data_of(arcs(TRUE, course(TIME))))
+    assert found.verdict == "none needed"
+
+
+def test_a_late_pressure_and_a_wrong_scale_are_named() -> None:
+    program = rod()
+    assert twin.diagnose(program, data_of(arcs(TRUE, late(0.4)))).named == ("pressure_lag",)
+    once = len(program.runs)
+    assert twin.diagnose(program, data_of(arcs(TRUE, late(0.4)))).named == ("pressure_lag",)
+    assert len(program.runs) == once  # a second diagnosis asks nothing anew
+    u = arcs(TRUE, course(TIME))
+    found = twin.diagnose(program, data_of(u + 0.02 * (u + np.array(list(PLACES.values())))))
+    assert found.named[0] == "camera_scale"
+    assert found.diagnosis.mechanisms[0] is Mechanism.PICTURE
+
+
+def test_a_variant_of_its_own_is_named() -> None:
+    taper = Variant(Parameter("taper", -0.9, 0.9, "", null=0.0, typical=0.05, plausible=(-0.5, 0.5)), "it thins out")
+    found = twin.diagnose(rod(variants=[taper]), data_of(arcs(TRUE | {"taper": 0.1}, course(TIME))))
+    assert found.named == ("taper",)
+    assert found.diagnosis.mechanisms == (Mechanism.BODY,)
+    says(str(found), "It thins out: taper is 0.1")
+
+
+def test_a_body_that_the_program_cannot_have_is_called_by_no_other_name() -> None:
+    """Three points of one plane: a tilted camera does nearly the same."""
+    found = twin.diagnose(rod(), data_of(arcs(TRUE | {"taper": 0.1}, course(TIME))))
+    assert (found.verdict, found.diagnosis.mechanisms[0]) == ("none of these", Mechanism.BODY)
+    says(str(found), "The rest looks like a body that bends more at 25 % of its length")
+
+
+def test_its_derivatives_are_those_of_its_answers() -> None:
+    data = data_of(arcs(TRUE, course(TIME)))
+    base = ForeignModel.of(rod(), data)
+    (lag,) = [e for e in candidates(base.test) if e.name == "pressure_lag"]
+    model, values = base.with_effect(lag), {**TRUE, "pressure_lag.tau": 0.3}
+    theta = model.theta(values)
+    for k, p in enumerate(model.parameters):
+        h = 1e-3 * p.step
+        ends = [model.predict(theta + s * h * np.eye(3)[k]) for s in (1, -1)]
+        wanted = (ends[0] - ends[1]) / (2 * h)
+        # differenced over a tenth of a typical step, 1 % of the highest pressure
+        np.testing.assert_allclose(model.jacobian(theta)[k], wanted, rtol=0, atol=3e-3 * np.abs(wanted).max())
+
+
+def test_only_effects_that_need_no_structure_are_tried() -> None:
+    test = ForeignModel.of(rod(), data_of(arcs(TRUE, course(TIME)))).test
+    names = {e.name for e in candidates(test)}
+    assert {"creep", "thermal", "pressure_lag", "pressure_gain", "pressure_offset", "time_shift", "camera_scale"} <= names
+    assert not names & {"wall_taper", "mullins", "gravity", "clamp", "marker_slip", "tube", "hoop_reinforcement"}
+    assert {e.kind for e in plain_stand_ins(test)} >= {"pressure course", "camera"}
+
+
+def test_scatter_is_carried_or_refused_and_a_start_must_answer() -> None:
+    rng, u = np.random.default_rng(5), arcs(TRUE, course(TIME))
+
+    def noisy(sd: float) -> Simulator:
+        return twin.simulator(lambda v, p: arcs(v, p) + sd * rng.standard_normal((len(p), 3, 3)), [STIFF, BEND])
+
+    assert twin.diagnose(noisy(0.02), data_of(u), stand_ins=False).verdict == "none needed"
+    with pytest.raises(ValueError, match=r"scatter by 0.\d+ mm .* noise of the data \(0.05 mm\)"):
+        twin.diagnose(noisy(0.5), data_of(u))
+    with pytest.raises(ValueError, match=r"failed at curvature = 0.5, bend = 0: .*wanted a start"):
+        twin.diagnose(twin.simulator(lambda v, p: 1 / 0, [STIFF, BEND]), data_of(u))
+    with pytest.raises(ValueError, match="data: none; wanted the targets"):
+        twin.diagnose(rod())

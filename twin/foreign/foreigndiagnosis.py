@@ -1,0 +1,60 @@
+"""Data and a simulator -> the physical effect that the simulator lacks."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin.diagnosis import procedure
+from twin.diagnosis.deciding import Diagnosis
+from twin.effects.protocol import Effect, Unsolvable
+from twin.foreign.courseeffects import candidates, plain_stand_ins
+from twin.foreign.foreignmodel import WIDER, ForeignModel
+from twin.foreign.programs import Simulator
+from twin.messages import Say
+from twin.targets import Array, Targets
+
+
+def diagnosed(
+    simulator: Simulator, data: Targets, *, effects: Sequence[Effect], seed: int, stand_ins: bool, say: Say
+) -> Diagnosis:
+    """The diagnosis of a simulator, fitted to data from the start of each parameter, or the middle of its
+    bounds. effects: candidates, by default all that it can have. ValueError where it fails at its start, or
+    scatters by more than the noise."""
+    model, start = ForeignModel.of(simulator, data), nominal(simulator)
+    values = {p.name: float(x) for p, x in zip(simulator.parameters, start, strict=True)}
+    values |= {v.parameter.name: float(v.parameter.null or 0.0) for v in simulator.variants}
+    try:
+        scatter = simulator.scatter(values, model.stated, len(data.points))
+    except Unsolvable as error:
+        raise ValueError(f"{error}; wanted a start at which it answers: Parameter(..., start=...)") from None
+    if scatter:
+        data, model = rougher(data, scatter), ForeignModel.of(simulator, data, wider=WIDER)
+    every = tuple(effects) or candidates(model.test, simulator.variants)
+    generic = plain_stand_ins(model.test) if stand_ins else ()
+    return procedure.diagnose(
+        model, every, data, seed=seed, start=start, beside=generic, plan=False, progress=say.progress
+    )
+
+
+def nominal(simulator: Simulator) -> Array:
+    """The start (d,) of a simulator's parameters."""
+    return np.array([(p.low + p.high) / 2 if p.start is None else p.start for p in simulator.parameters])
+
+
+def rougher(data: Targets, scatter: float) -> Targets:
+    """Data whose noise holds the scatter of a simulator in mm too, each value by itself. ValueError where
+    that is larger than the noise."""
+    noise = data.noise
+    if noise is None:
+        return data
+    least = float(np.nanmin(noise.sd))
+    if scatter > least:
+        raise ValueError(
+            f"the simulator's answers scatter by {scatter:.3g} mm (two runs of one question), more than the "
+            f"noise of the data ({least:.3g} mm); wanted less: a finer tolerance, or the mean of several runs"
+        )
+    return replace(
+        data, covariance=data.covariance + scatter**2 * np.eye(3),
+        noise=replace(noise, sd=np.sqrt(noise.sd**2 + scatter**2)),
+    )  # fmt: skip
