@@ -1,6 +1,6 @@
 """A model of your own in plain numpy is told what it lacks: its regulator lags.
 
-    python examples/my_simulator.py     about ten seconds; no folder, no mesh
+    python examples/my_simulator.py     about ten seconds
 
 A rod bends in arcs, its curvature in proportion to the pressure. The data are made here by the same arcs
 under a pressure that follows the log 0.3 s late, and with noise.
@@ -25,7 +25,6 @@ def predict(values: dict[str, float], pressure: np.ndarray) -> np.ndarray:
 def course(t: np.ndarray) -> np.ndarray:
     """Pressure in MPa over time in s: up, held, half down, held, up and down."""
     return np.interp(t, [0, 3, 8, 14, 16, 20, 24, 28, 33], [0, 0, 0.03, 0.03, 0.01, 0.01, 0.03, 0.03, 0.0])
-
 
 steps, fine = np.arange(0.0, 33.0, 0.5), np.arange(0.0, 33.0, 0.01)
 late = np.zeros(len(fine))
