@@ -37,7 +37,8 @@ from vision import Camera, Mark
 from vision.kinds import CodedMarker
 from vision.marks import frame_places
 from vision.placing.movedoutlines import MovedOutline, RestEdges, apart_at
-from vision.placing.outlines import RestPicture, fit_outline
+from vision.placing.outlines import fit_outline
+from vision.placing.restpictures import RestPicture
 from vision.placing.restplaces import BodyPose
 from vision.placing.silhouettes import BodySurface
 from vision.plane import plane_of, to_plane
@@ -59,7 +60,7 @@ WALL_MM, FRAME_MM, SCALE, HEIGHT_MM, EDGE_MM, WANDER = 0.1, 0.1, 1e-3, 0.3, 0.05
 OFF = {"length_mm": 1.0, "height_mm": 0.5, "pleat_depth_mm": 0.3, "width_mm": 0.3, "side_pleat_depth_mm": 0.2}
 SLIP_MM = 0.8  # of a tag along the finger, in half of the draws, from the second of so many moments on
 MOMENTS, CORRECTED = 3, 0.25  # share of the errors of dimensions that are left where they are corrected
-INNER = {"base_cap_mm": WALL_MM, "tip_cap_mm": WALL_MM}
+INNER = {"base_cap_mm": WALL_MM, "tip_cap_mm": 0.3}
 
 
 @dataclass(frozen=True)

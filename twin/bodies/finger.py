@@ -79,6 +79,11 @@ class FingerTable(TableModel):
         return (self.length_mm - self.base_cap_mm - self.tip_cap_mm) / self.pleats
 
     @property
+    def waves(self) -> tuple[str, float, float] | None:
+        """The key of what repeats along the top, and where that begins and ends, mm; None without pleats."""
+        return ("pleats", self.base_cap_mm, self.length_mm - self.tip_cap_mm) if self.pleat_depth_mm else None
+
+    @property
     def clearance_mm(self) -> float:
         """Height of the chamber where the pleats are lowest, in mm. A steep wall is thicker upwards."""
         t, lowest = self, math.inf

@@ -94,6 +94,11 @@ class PneunetTable(CellTable):
         return self.chamber_length_mm + self._between
 
     @property
+    def waves(self) -> tuple[str, float, float]:
+        """The key of what repeats along the top, and where that begins and ends, mm."""
+        return "chambers", self.base_cap_mm, self.length_mm - self.tip_cap_mm
+
+    @property
     def _between(self) -> float:
         return 2 * self.chamber_wall_mm + self.gap_mm
 

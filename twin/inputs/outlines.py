@@ -15,7 +15,9 @@ from fe.element import Integers
 from fe.mesh.mirror import symmetry_support
 from twin.bench.workbench import body_of, structure_of, tolerances_of
 from twin.bodies.body import Body
+from twin.bodies.finger import FingerTable
 from twin.bodies.kinds import BodyTable
+from twin.bodies.pneunet import PneunetTable
 from twin.inputs.cameras import dictionary_name
 from twin.inputs.recordings import marks_of, stated_of, stated_pose
 from twin.marktables import PoseTable
@@ -28,10 +30,12 @@ from twin.targets import Array
 if TYPE_CHECKING:  # vision takes a second to import
     from vision import Camera, Video
     from vision.placing.outlines import Outline, Size
-    from vision.placing.silhouettes import BodySurface, Changed
+    from vision.placing.silhouettes import BodySurface, Changed, Waves
 
 PARTS = 4  # of a face's side, whose chords stand for its curve
 CHANGE_MM = 0.1  # of a dimension, for its slope
+ENDS = "tip_cap_mm"  # of the dimensions of the chamber the one that the outline tells: there the pleats end
+LOW = 0.25  # of the height: lower than every valley
 TYPED_MM = 1.0  # error of a dimension that twin.toml states and the outline shows
 LEAST_SD = 1e-4  # mm and rad: of a pose that is stated as exact
 OFF, LEAST_MM = 3.0, 0.1  # sds from which a dimension is another than stated; what a casting is off anyway
@@ -44,16 +48,38 @@ class SeenOutline:
     found: "Outline"
     picture: Array  # (h, w) the film at rest
     stated: Mapping[str, float]  # dimensions in mm of twin.toml
+    table: BodyTable | None = None  # these, with what is counted
 
     @property
     def wrong(self) -> tuple[str, ...]:
         """A sentence for each dimension that is not as stated."""
-        return tuple(
+        return self._repeated[0] + tuple(
             f"model.{name} = {self.stated[name]:g}, the film shows {_told(self.stated[name], size)}: measure "
             "it again, or correct twin.toml."
             for name, size in self._shown.items()
             if _is_off(size)
         )
+
+    @property
+    def _repeated(self) -> "tuple[tuple[str, ...], tuple[str, ...]]":
+        """Sentences on pleats or chambers that are not as stated, their number and their pitch, and clauses
+        on what is."""
+        table = self.table
+        if not isinstance(table, FingerTable | PneunetTable) or not (table.waves and self.found.counted):
+            return (), ()
+        key, stated, counted = table.waves[0], getattr(table, table.waves[0]), self.found.counted
+        table = table.model_copy(update={key: counted})
+        larger = {n: table.model_copy(update={n: x + CHANGE_MM}).pitch_mm for n, x in self.stated.items()}
+        slopes = {n: (pitch - table.pitch_mm) / CHANGE_MM for n, pitch in larger.items()}
+        pitch = self.found.combined(slopes)
+        told = f"model.{key} = {stated}, the film shows {counted}: correct twin.toml."
+        wrong = () if counted == stated else (told,)
+        shows = _told(table.pitch_mm, pitch)
+        if _is_off(pitch):
+            stands = f"{counted} {key} have a pitch of {table.pitch_mm:.4g} mm by twin.toml"
+            told = f"{stands}, the film shows {shows}: measure them again, or correct twin.toml."
+            return (*wrong, told), ()
+        return wrong, (*(() if wrong else (f"{key} = {stated}",)), f"pitch {table.pitch_mm:.4g} ({shows})")
 
     @property
     def told(self) -> tuple[str, ...]:
@@ -68,7 +94,7 @@ class SeenOutline:
             f"{name} = {self.stated[name]:g} ({_told(self.stated[name], size)})"
             for name, size in self._shown.items()
             if not _is_off(size)
-        ]
+        ] + list(self._repeated[1])
         return (place, *([f"It shows these dimensions as stated: {', '.join(right)}."] if right else []))
 
     @property
@@ -129,7 +155,8 @@ def outline_tells(project: Project) -> bool:
 def seen_outline(project: Project, table: CameraTable, film: "Video", camera: "Camera") -> SeenOutline:
     """The finger at rest in a film, by its outline. ValueError where too little of it is seen, or where it
     sags by an unknown way."""
-    from vision.placing.outlines import fit_outline, picture_at_rest
+    from vision.placing.outlines import fit_outline
+    from vision.placing.restpictures import picture_at_rest
     from vision.placing.restplaces import BodyPose
 
     if project.config.model.density_kg_m3 is not None:
@@ -151,7 +178,7 @@ def seen_outline(project: Project, table: CameraTable, film: "Video", camera: "C
         rest, model, stated_pose(project) if sought else BodyPose(), prior=None if sought or clamped else sd
     )
     stated = {} if model.table is None else {name: float(getattr(model.table, name)) for name in model.known}
-    return SeenOutline(found, rest.picture, stated)
+    return SeenOutline(found, rest.picture, stated, model.table)
 
 
 @dataclass(frozen=True)
@@ -177,14 +204,32 @@ class ModelOutline:
         case = body_case(table.body, _fine(table.body))
         sizes = {name: x for name, x in table.model_dump().items() if isinstance(x, float) and x > 0.0}
         known = {name: tolerances.get(name, TYPED_MM) for name in sizes}
+        if known.get(ENDS):
+            known[ENDS] = TYPED_MM
         return ModelOutline(case, case.face_nodes("outside"), table, known)
 
     def __call__(self, off: Mapping[str, float]) -> "BodySurface":
         """The surface with dimensions that are off by so many mm."""
         from vision.placing.silhouettes import BodySurface
 
-        faces = self._faces(off)
-        return BodySurface(faces, self.base.nodes[self.base.clamped], partial(self._changed, off, faces))
+        faces, held = self._faces(off), self.base.nodes[self.base.clamped]
+        return BodySurface(faces, held, partial(self._changed, off, faces), self._waves)
+
+    @property
+    def _waves(self) -> "Waves | None":
+        """What repeats along the upper side."""
+        from vision.placing.silhouettes import Waves
+
+        table = self.table
+        if not isinstance(table, FingerTable | PneunetTable) or table.waves is None:
+            return None
+        key, start, end = table.waves
+
+        def other(count: int) -> ModelOutline:
+            return ModelOutline.of(table.model_copy(update={key: count}), self.known)
+
+        high = table.height_mm
+        return Waves(getattr(table, key), start, end, LOW * high, high, other)
 
     def _changed(self, off: Mapping[str, float], faces: Array) -> "tuple[Changed, ...]":
         """The surface with each of its dimensions changed."""

@@ -156,7 +156,11 @@ def snapped(draft: SetupDraft, camera: "Camera | None") -> SetupDraft:
     others = (size for size in found.sizes if size.shown and abs(size.off) > max(OFF * size.sd, LEAST_MM))
     sizes = {size.name: size.off for size in others}
     own = {} if draft.dimensions is None else draft.dimensions.model_dump(include=set(sizes))
-    return with_dimensions(there, {key: round(value + sizes[key], 2) for key, value in own.items()})
+    changed: dict[str, float] = {key: round(value + sizes[key], 2) for key, value in own.items()}
+    waves = getattr(draft.dimensions, "waves", None)
+    if waves and found.counted:
+        changed[waves[0]] = found.counted
+    return with_dimensions(there, changed)
 
 
 def stretched(contour: Array, before: SetupDraft, after: SetupDraft) -> Array:

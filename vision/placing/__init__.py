@@ -7,6 +7,7 @@ states what that camera cannot see. `multicamera` places them with several camer
 places in space, `clocks` brings the films to common times, `spaceerrors` states the errors. Both ways end in
 `vision.errors.errormodel`, which puts all errors together. `loosemarkers` places markers of the rig by
 pictures that show them with a board. `silhouettes` gives the outline of a solid as the camera sees it,
-`outlines` where it stands and how large it is by that outline at rest, `movedoutlines` how far the edges of
-the moved body lie from a model's.
+`restpictures` is the picture at rest, `waves` counts pleats in it, `outlines` tells where the body stands
+and how large it is by that outline at rest, `movedoutlines` how far the edges of the moved body lie from a
+model's.
 """

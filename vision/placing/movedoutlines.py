@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from vision.camera import Array
-from vision.placing.outlines import WANDER, EdgeFit, RestSight, rig_columns, robust, view_columns
+from vision.placing.outlines import WANDER, EdgeFit, rig_columns, robust, view_columns
 from vision.placing.planeerrors import principal
+from vision.placing.restpictures import RestSight
 from vision.placing.silhouettes import BodySurface, Cut, Silhouette, cut
 
 REACHES = 2.5, 0.8  # mm from the moved model's outline, and then from what was found, for the film's

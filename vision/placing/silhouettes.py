@@ -1,6 +1,6 @@
 """Outline of a solid as a camera sees it, in the plane of the frame marks: places and normals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -29,11 +29,24 @@ class BodySurface:
     faces: Array  # (f,c,3) mm, corners of its surface's faces in turn
     held: Array  # (h,3) mm, places where it is clamped: its outline is hidden there
     changes: Callable[[], tuple["Changed", ...]] = tuple  # takes long: asked for where edges are seen
+    waves: "Waves | None" = None  # that repeat along its upper side
 
     @cached_property
     def changed(self) -> tuple["Changed", ...]:
         """The solid with each of its numbers changed."""
         return self.changes()
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Pleats or chambers along a body's upper side."""
+
+    count: int
+    start: float  # mm from the clamp to the first
+    end: float  # mm to behind the last
+    low: float  # mm, a height that all of them exceed
+    high: float  # mm, of the highest
+    other: Callable[[int], Callable[[Mapping[str, float]], BodySurface]]  # the solid with so many
 
 
 @dataclass(frozen=True)

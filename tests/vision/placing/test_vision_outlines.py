@@ -1,5 +1,6 @@
 """Where the finger stands and how large it is, by its outline in drawn pictures."""
 
+import re
 from dataclasses import replace
 
 from benchmarks.films.outlines import STATED, WALL_MM, Draw, draw
@@ -10,7 +11,9 @@ import pytest
 from tests.messages import saying
 from twin.inputs.outlines import ModelOutline, SeenOutline
 from vision.placing.outlines import Outline, fit_outline
+from vision.placing.restpictures import RestSight
 from vision.placing.restplaces import BodyPose
+from vision.placing.waves import count_of
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +29,10 @@ def drawn() -> Draw:
 @pytest.fixture(scope="module")
 def found(drawn: Draw, model: ModelOutline) -> Outline:
     return fit_outline(drawn.rest, model, BodyPose())
+
+
+def known_sizes() -> dict[str, float]:
+    return {name: x for name, x in STATED.model_dump().items() if isinstance(x, float)}
 
 
 def off(found: Outline, drawn: Draw) -> np.ndarray:
@@ -50,6 +57,27 @@ def test_a_wrong_length_is_named(found: Outline, drawn: Draw) -> None:
     assert any(line.startswith("model.length_mm = 70, the film shows 7") for line in seen.wrong)
     assert not any("pleat_depth" in line for line in seen.wrong) or abs(drawn.sizes["pleat_depth_mm"]) > 0.1
     assert seen.drawn().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("stated", [3, 4, 6])
+def test_pleats_are_counted_and_their_pitch_told(found: Outline, drawn: Draw, stated: int) -> None:
+    table = STATED.model_copy(update={"pleats": stated})
+    solid = ModelOutline.of(table, dict.fromkeys(STATED.body.inner, WALL_MM))({})
+    counted = count_of(RestSight(drawn.rest), solid, drawn.pose, 1.0)
+    assert counted == STATED.pleats
+    seen = SeenOutline(replace(found, counted=counted), drawn.rest.picture, known_sizes(), table)
+    miscounted = [line for line in seen.wrong if line.startswith("model.pleats")]
+    assert miscounted == [f"model.pleats = {stated}, the film shows 4: correct twin.toml."] * (stated != 4)
+    true = STATED.model_copy(update={n: getattr(STATED, n) + mm for n, mm in drawn.sizes.items()}).pitch_mm
+    (told,) = (line for line in seen.wrong if "have a pitch of 15 mm by twin.toml" in line)  # 1.8 mm longer
+    value, sd = (float(x) for x in re.search(r"the film shows ([\d.]+) \+- ([\d.]+) mm", told).groups())  # type: ignore[union-attr]
+    assert abs(value - true) < 3.5 * sd < 0.3
+
+
+def test_the_cap_of_the_tip_is_told(found: Outline, drawn: Draw) -> None:
+    (tip,) = (size for size in found.sizes if size.name == "tip_cap_mm")
+    assert tip.shown
+    assert abs(tip.off - drawn.sizes["tip_cap_mm"]) < 3.5 * tip.sd < 1.0
 
 
 def test_what_is_known_of_the_pose_counts(drawn: Draw, model: ModelOutline) -> None:
