@@ -75,12 +75,13 @@ class Draw:
 
 
 def draw(
-    rng: np.random.Generator, *, distance: float, longer: float = 0.0, light: Array | None = None
-) -> Draw:
+    rng: np.random.Generator, *, distance: float, longer: float = 0.0, light: Array | None = None,
+    sag: Callable[[Array], Array] | None = None,
+) -> Draw:  # fmt: skip
     """A picture at rest from `distance` mm of a finger that is longer than stated by so many mm, too.
 
     light: (2,) of a film that goes on: its edges are off by that, and not by sides; its shape wanders, and
-    its dimensions are corrected by what the outline at rest has shown.
+    its dimensions are corrected by what the outline at rest has shown.   sag: displacements that are added.
     """
     focal = PX * distance
     camera = Camera(np.array([[focal, 0, 323.0], [0, focal, 178.0], [0, 0, 1]]), np.zeros(5), SIZE)
@@ -105,6 +106,7 @@ def draw(
     ideal = pixels(np.insert(frame, 1, Y, axis=1)) + rng.normal(0, 0.003, frame.shape)
     if light is not None:
         x = wandering(x, rng)
+    x = x if sag is None else x + sag(x)
     picture = painted(pixels(in_frame(x, pose)), pose, rng, sides(rng) if light is None else lit(light))
     for place in TAGS:
         picture = tagged(picture, pixels(in_frame(np.array([place[0], Y, place[1]]), pose)))

@@ -5,6 +5,6 @@ Read `recordings` first: films with their cameras, markers and the log, and disp
 the clock of a board's film. `filmcheck` looks at films within seconds, before anything is measured.
 `synchronisation` puts film and log on one clock. `filmtargets` makes targets of one film, `films` puts the
 targets of several together. `looseframe` makes the frame of loose markers. `outlines`
-compares the outline of the model with that of the finger at rest, `outlinechecks` that of the fitted model
-with the film's at later moments.
+compares the outline of the model with that of the finger at rest, sagged as `restsags` says; `outlinechecks`
+compares that of the fitted model with the film's at later moments.
 """

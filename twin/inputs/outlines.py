@@ -20,6 +20,7 @@ from twin.bodies.kinds import BodyTable
 from twin.bodies.pneunet import PneunetTable
 from twin.inputs.cameras import dictionary_name
 from twin.inputs.recordings import marks_of, stated_of, stated_pose
+from twin.inputs.restsags import RestSag, rest_sag
 from twin.marktables import PoseTable
 from twin.model.structure import body_case
 from twin.numerals import with_sd
@@ -36,6 +37,7 @@ PARTS = 4  # of a face's side, whose chords stand for its curve
 CHANGE_MM = 0.1  # of a dimension, for its slope
 ENDS = "tip_cap_mm"  # of the dimensions of the chamber the one that the outline tells: there the pleats end
 LOW = 0.25  # of the height: lower than every valley
+SAG, CHANGE_SAG = "sag", 0.1  # of the weight, as a share of what the constants say; for its slope
 TYPED_MM = 1.0  # error of a dimension that twin.toml states and the outline shows
 LEAST_SD = 1e-4  # mm and rad: of a pose that is stated as exact
 OFF, LEAST_MM = 3.0, 0.1  # sds from which a dimension is another than stated; what a casting is off anyway
@@ -124,7 +126,7 @@ class SeenOutline:
 
     @property
     def _shown(self) -> "dict[str, Size]":
-        return {size.name: size for size in self.found.sizes if size.shown}
+        return {size.name: size for size in self.found.sizes if size.shown and size.name in self.stated}
 
 
 def drawn(picture: Array, pixel: Array, right: NDArray[np.bool_]) -> bytes:
@@ -154,17 +156,11 @@ def outline_tells(project: Project) -> bool:
 
 def seen_outline(project: Project, table: CameraTable, film: "Video", camera: "Camera") -> SeenOutline:
     """The finger at rest in a film, by its outline. ValueError where too little of it is seen, or where it
-    sags by an unknown way."""
+    sags and nobody states which way."""
     from vision.placing.outlines import fit_outline
     from vision.placing.restpictures import picture_at_rest
     from vision.placing.restplaces import BodyPose
 
-    if project.config.model.density_kg_m3 is not None:
-        raise ValueError(
-            "the outline at rest is compared with a model without weight, and this finger sags "
-            f"(model.density_kg_m3 = {project.config.model.density_kg_m3:g}); state x_mm, z_mm and turn_deg "
-            "under [pose], or put two markers of role clamp on the clamp"
-        )
     pose, sought = project.config.pose or PoseTable(), outline_tells(project)
     marks = marks_of(project, BodyPose() if sought else None)
     rest = picture_at_rest(
@@ -189,24 +185,26 @@ class ModelOutline:
     outside: Integers  # its outer faces
     table: BodyTable | None = None  # its dimensions; a deck has none
     known: Mapping[str, float] = field(default_factory=dict)  # sd in mm of each of them
+    sag: RestSag | None = None  # by its weight
 
     @staticmethod
     def of_project(project: Project) -> "ModelOutline":
         """That of a project's model."""
         structure, body = structure_of(project), body_of(project)
+        sag = rest_sag(project, structure)
         if body is None or project.config.model.dimensions is None:
-            return ModelOutline(structure.case, structure.outside)
-        return ModelOutline.of(project.config.model.dimensions, tolerances_of(project, body))
+            return ModelOutline(structure.case, structure.outside, sag=sag)
+        return ModelOutline.of(project.config.model.dimensions, tolerances_of(project, body), sag)
 
     @staticmethod
-    def of(table: BodyTable, tolerances: Mapping[str, float]) -> "ModelOutline":
+    def of(table: BodyTable, tolerances: Mapping[str, float], sag: RestSag | None = None) -> "ModelOutline":
         """That of a body with these dimensions.   tolerances: sd in mm of those of its chamber."""
         case = body_case(table.body, _fine(table.body))
         sizes = {name: x for name, x in table.model_dump().items() if isinstance(x, float) and x > 0.0}
         known = {name: tolerances.get(name, TYPED_MM) for name in sizes}
         if known.get(ENDS):
             known[ENDS] = TYPED_MM
-        return ModelOutline(case, case.face_nodes("outside"), table, known)
+        return ModelOutline(case, case.face_nodes("outside"), table, known, sag)
 
     def __call__(self, off: Mapping[str, float]) -> "BodySurface":
         """The surface with dimensions that are off by so many mm."""
@@ -226,7 +224,7 @@ class ModelOutline:
         key, start, end = table.waves
 
         def other(count: int) -> ModelOutline:
-            return ModelOutline.of(table.model_copy(update={key: count}), self.known)
+            return ModelOutline.of(table.model_copy(update={key: count}), self.known, self.sag)
 
         high = table.height_mm
         return Waves(getattr(table, key), start, end, LOW * high, high, other)
@@ -242,15 +240,21 @@ class ModelOutline:
                 if other.shape == faces.shape:  # else the lattice has other cells
                     changed.append(Changed(name, other, mm, sd))
                     break
+        if self.sag is not None:
+            other = self._faces({**off, SAG: off.get(SAG, 0.0) + CHANGE_SAG})
+            changed.append(Changed(SAG, other, CHANGE_SAG, self.sag.sd))
         return tuple(changed)
 
     def _faces(self, off: Mapping[str, float]) -> Array:
         case, outside = self.base, self.outside
-        if self.table is not None and off:
-            sizes = {name: getattr(self.table, name) + mm for name, mm in off.items()}
+        changed = {name: mm for name, mm in off.items() if name != SAG}
+        if self.table is not None and changed:
+            sizes = {name: getattr(self.table, name) + mm for name, mm in changed.items()}
             case = body_case(self.table.model_copy(update=sizes).body, _fine(self.table.body))
             outside = case.face_nodes("outside")
         x = surface(case, outside, PARTS)
+        if self.sag is not None:
+            x = x + (1.0 + off.get(SAG, 0.0)) * self.sag(x)
         return x if symmetry_support(case) is None else np.concatenate([x, x * [1.0, -1.0, 1.0]])
 
 
