@@ -6,7 +6,7 @@ from vision.camera import Array
 from vision.following.edges import edge_places
 from vision.placing.restpictures import STEP_PX, RestSight
 from vision.placing.restplaces import BodyPose
-from vision.placing.silhouettes import BodySurface, Waves
+from vision.placing.silhouettes import Silhouette, Waves
 
 STEP_MM = 0.4  # along the body
 ABOVE_MM = 4.0  # the model, where the edge is looked for
@@ -15,17 +15,19 @@ TRIED = 400  # counts between these
 SURE = 0.5  # of the profile's variance that one wave explains
 
 
-def count_of(sight: RestSight, solid: BodySurface, pose: BodyPose, sign: float) -> int | None:
+def count_of(
+    sight: RestSight, waves: Waves | None, line: Silhouette, pose: BodyPose, sign: float
+) -> int | None:
     """The number of waves that the film shows; None for a body without, or where it is not clear.
 
+    line: the outline of the model that stands so.
     The film's profile and the model's are read off one picture plane, so that what perspective does to both
     cancels.
     """
-    waves = solid.waves
     if waves is None or waves.count < 2:
         return None
     along = np.arange(waves.start, waves.end, STEP_MM)
-    film, model = _film(sight, waves, along, pose, sign), _model(sight, solid, along, pose)
+    film, model = _film(sight, waves, along, pose, sign), _model(line, along, pose)
     seen, drawn = _count(film, along, waves), _count(model, along, waves)
     return round(waves.count * seen / drawn) if seen and drawn else None
 
@@ -38,16 +40,16 @@ def _film(sight: RestSight, waves: Waves, along: Array, pose: BodyPose, sign: fl
     return waves.low + edge_places(grey, STEP_PX, sign) * (up[1] - up[0])
 
 
-def _model(sight: RestSight, solid: BodySurface, along: Array, pose: BodyPose) -> Array:
+def _model(line: Silhouette, along: Array, pose: BodyPose) -> Array:
     """Heights (k,) mm of the model's outline over places along the body."""
-    place = sight.outline(solid, pose).place - [pose.x_mm, pose.z_mm]
+    place = line.place - [pose.x_mm, pose.z_mm]
     c, s = np.cos(pose.turn), np.sin(pose.turn)
     x, z = (place @ np.array([[c, -s], [s, c]])).T
     which = np.round((x - along[0]) / STEP_MM).astype(int)
     out = np.full(len(along), -np.inf)
     inside = (which >= 0) & (which < len(along))
     np.maximum.at(out, which[inside], z[inside])
-    return np.where(out > solid.waves.low if solid.waves else True, out, np.nan)
+    return np.where(np.isfinite(out), out, np.nan)
 
 
 def _count(height: Array, along: Array, waves: Waves) -> float | None:

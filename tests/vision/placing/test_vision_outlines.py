@@ -63,7 +63,8 @@ def test_a_wrong_length_is_named(found: Outline, drawn: Draw) -> None:
 def test_pleats_are_counted_and_their_pitch_told(found: Outline, drawn: Draw, stated: int) -> None:
     table = STATED.model_copy(update={"pleats": stated})
     solid = ModelOutline.of(table, dict.fromkeys(STATED.body.inner, WALL_MM))({})
-    counted = count_of(RestSight(drawn.rest), solid, drawn.pose, 1.0)
+    sight = RestSight(drawn.rest)
+    counted = count_of(sight, solid.waves, sight.outline(solid, drawn.pose), drawn.pose, 1.0)
     assert counted == STATED.pleats
     seen = SeenOutline(replace(found, counted=counted), drawn.rest.picture, known_sizes(), table)
     miscounted = [line for line in seen.wrong if line.startswith("model.pleats")]
