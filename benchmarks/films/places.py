@@ -47,16 +47,18 @@ BEND = np.concatenate([np.zeros(1), np.linspace(0.001, 0.013, 11)])  # 1/mm
 RIG = Stated(placement_mm=0.3, node_mm=0.1)
 
 
-def bent(place: Array, curvature: float, change: float) -> Array:
-    """Places (t,p,2) mm of material points (p,2) of the beam, its curvature changed from clamp to tip."""
+def bent(place: Array, curvature: float, change: float, bend: Array = BEND) -> Array:
+    """Places (t,p,2) mm of material points (p,2) of the beam, its curvature changed from clamp to tip.
+
+    bend: (t,) 1/mm."""
     s = np.linspace(0.0, 120.0, 1201)
     shape = curvature * (s + change * (s**2 / 200.0 - s / 2.0))  # integral of 1 + change (s / 100 - 1 / 2)
-    turn = -BEND[:, None] * shape
+    turn = -bend[:, None] * shape
     cosine, sine = np.cos(turn), np.sin(turn)
     step = s[1] - s[0]
     middles = [np.cumsum((f[:, 1:] + f[:, :-1]) / 2, axis=1) for f in (cosine, sine)]
     lines = [step * np.pad(m, ((0, 0), (1, 0))) for m in middles]
-    out = np.zeros((len(BEND), len(place), 2))
+    out = np.zeros((len(bend), len(place), 2))
     for p, (x, z) in enumerate(place):
         a, b = (np.array([np.interp(x, s, row) for row in line]) for line in lines)
         c, d = (np.array([np.interp(x, s, row) for row in f]) for f in (cosine, sine))
@@ -88,12 +90,10 @@ def draw(rng: np.random.Generator, *, spread: float) -> Draw:
     x, z = rng.normal(0, 0.3, 2)
     true = BodyPose(float(x), float(z), float(np.deg2rad(rng.normal(0, 0.3))))
     tags = NODES + rng.uniform(-spread, spread, NODES.shape)
-    c, s = np.cos(true.turn), np.sin(true.turn)
-    turned = np.array([[c, s], [-s, c]])
     frame = (FRAME + rng.normal(0, RIG.frame_mm, FRAME.shape)) * (1 + rng.normal(0, RIG.scale))
-    clamp = (CLAMP + rng.normal(0, RIG.frame_mm, CLAMP.shape)) @ turned + [true.x_mm, true.z_mm]
+    clamp = in_frame(CLAMP + rng.normal(0, RIG.frame_mm, CLAMP.shape), true)
     glued = rng.normal(0, RIG.place_mm, tags.shape)
-    body = (bent(tags + glued, 1.0, 0.0) - glued) @ turned + [true.x_mm, true.z_mm]
+    body = in_frame(bent(tags + glued, 1.0, 0.0) - glued, true)
     still = [np.broadcast_to(x, (len(BEND), *x.shape)) for x in (frame, clamp)]
     every = np.concatenate([*still, body], axis=1)
     world = np.insert(every, 1, Y, axis=2)
@@ -117,6 +117,12 @@ def draw(rng: np.random.Generator, *, spread: float) -> Draw:
     turns = -BEND[:, None] * tags[:, 0] + rng.normal(0, noise, own.shape[:2])
     pose = true, found, covariance
     return Draw(own - own[0], own[0], turns, tags, marks, plane, view, seen[:, 2:], pose)
+
+
+def in_frame(x: Array, pose: BodyPose) -> Array:
+    """Places (...,2) mm of the body in the axes of the frame."""
+    c, s = np.cos(pose.turn), np.sin(pose.turn)
+    return np.asarray(x @ np.array([[c, s], [-s, c]]) + [pose.x_mm, pose.z_mm])
 
 
 def in_body(x: Array, pose: BodyPose, *, moved: bool) -> Array:
@@ -150,25 +156,30 @@ def fitted(d: Draw, pose: BodyPose, errors: Array, *, stated: bool) -> tuple[Arr
     noise = NOISE_PX**2 * (1 / PX**2 + of_frame)
     covariance = np.diag(np.repeat(noise.ravel(), 2)) + columns.T @ columns
 
+    return estimated(value[1:].ravel(), covariance, points)
+
+
+def estimated(value: Array, covariance: Array, points: Array, bend: Array = BEND) -> tuple[Array, Array]:
+    """Curvature less 1, its change, and their covariance, from the displacements at all bends but 0."""
+
     def moved(c: float, e: float) -> Array:
-        u = bent(points, c, e)
-        return np.asarray((u - u[0])[1:].ravel())
+        u = bent(points, c, e, bend)
+        return np.asarray((u - u[0])[bend > 0].ravel())
 
     base = moved(1.0, 0.0)
     J = np.stack([(moved(1.001, 0.0) - base) / 1e-3, (moved(1.0, 1e-3) - base) / 1e-3], axis=1)
     weighted = np.linalg.solve(covariance, J)
     spread = np.asarray(np.linalg.inv(J.T @ weighted), float)
-    return spread @ weighted.T @ (value[1:].ravel() - base), spread
+    return spread @ weighted.T @ (value - base), spread
 
 
-def place_pulls(d: Draw) -> Array:
-    """Errors of the places in the frame over their stated sd, of frame, scale, height and noise."""
-    true, _, _ = d.pose
-    c, s = np.cos(true.turn), np.sin(true.turn)
-    error = d.place - (d.true @ np.array([[c, s], [-s, c]]) + [true.x_mm, true.z_mm])
-    shift = RIG.frame_mm * misplaced(d.plane, d.seen)[:, 0]
-    variance = (shift**2).sum(axis=0) + (RIG.scale * d.place) ** 2 + (NOISE_PX / PX) ** 2 / REST
-    variance += (RIG.height_mm / d.view.distance * (d.place - d.view.foot)) ** 2
+def pulls(
+    error: Array, place: Array, plane: Plane, seen: Array, view: Viewpoint, *, frame_mm: float
+) -> Array:
+    """Errors (p,2) mm of places (p,2) mm in the frame over their sd, of frame, scale, height and noise."""
+    shift = frame_mm * misplaced(plane, seen)[:, 0]
+    variance = (shift**2).sum(axis=0) + (RIG.scale * place) ** 2 + (NOISE_PX / PX) ** 2 / REST
+    variance += (RIG.height_mm / view.distance * (place - view.foot)) ** 2
     return np.asarray((error / np.sqrt(variance)).ravel())
 
 
@@ -180,7 +191,8 @@ def run(draws: int, seed: int) -> dict[str, float]:
         d = draw(rng, spread=1.0)
         true, found, covariance = d.pose
         off = np.array([found.x_mm - true.x_mm, found.z_mm - true.z_mm, found.turn - true.turn])
-        places.append(place_pulls(d))
+        off_place = d.place - in_frame(d.true, true)
+        places.append(pulls(off_place, d.place, d.plane, d.seen, d.view, frame_mm=RIG.frame_mm))
         poses.append(off @ np.linalg.solve(covariance, off) / 3)
         usual = BodyPose(), np.diag([0.3, 0.3, np.deg2rad(0.3)])
         for pose, errors in (usual, (found, principal(covariance))):

@@ -19,6 +19,7 @@ from twin.targets import Array
 
 if TYPE_CHECKING:  # vision takes a second to import
     from vision.camera import Image
+    from vision.following.dots import Dot
 
 FILMS = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg")
 LOGS = (".csv", ".txt", ".tsv", ".dat")
@@ -28,11 +29,14 @@ OFTEN = 0.5  # share of the frames in which a tag is read
 MOVES_PX, TIMES = 1.0, 8.0  # a tag moves that goes so far, and so many times as far as those that stand still
 LEAST_IDS, WITHIN = 8, 0.15  # markers that tell a board's columns, and how well in squares
 NOISE_PX = 0.2  # of a tag's middle by its corners
+MOST_DOTS = 40  # more are a pattern, and no markers
+SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 
 
 @dataclass(frozen=True)
 class Tags:
-    """Where the tags of a film are in frames over its whole length."""
+    """Where the tags of a film are in frames over its whole length; plain dots, which have no id, are tags
+    -1, -2, ... from left to right."""
 
     path: Path
     codes: tuple[int, ...]  # those that are read often
@@ -73,8 +77,8 @@ class Tags:
 
     @property
     def still(self) -> set[int]:
-        """Ids of the tags that stand still."""
-        return {code for code, moves in zip(self.codes, self.moves, strict=True) if not moves}
+        """Ids of the tags that stand still; dots have none."""
+        return {code for code, moves in zip(self.codes, self.moves, strict=True) if not moves and code >= 0}
 
     def motion(self) -> Motion:
         """Way of the moving tags from their first places, in px."""
@@ -175,21 +179,55 @@ def _even(count: int, most: int) -> list[int]:
 
 
 def _tags(path: Path, dictionary: str) -> Tags:
-    """The tags in frames all over a film."""
+    """The tags and dots in frames all over a film."""
     from vision import Video
     from vision.dictionaries import dictionary_of
     from vision.marks import detect_wanted
 
     film, any_id = Video(path), range(len(dictionary_of(dictionary).bytesList))
-    seen, time = [], []
+    seen: list[dict[int, Array]] = []
+    time: list[float] = []
+    dots: dict[int, Dot] = {}
     for _, at, picture in film.chosen(_even(len(film.time), LOOKED_AT)):
-        seen.append(detect_wanted(picture, dictionary, any_id)[0])
+        tags = detect_wanted(picture, dictionary, any_id)[0]
+        now = _followed(picture, dots) if seen else _dots(picture, list(tags.values()))
+        dots |= now
+        seen.append(tags | {code: dot.centre + dot.radius * SQUARE for code, dot in now.items()})
         time.append(at - film.time[0])
     every = sorted({code for quads in seen for code in quads})
     codes = tuple(c for c in every if sum(c in quads for quads in seen) >= OFTEN * len(seen))
     none = np.full((4, 2), np.nan)
     quads = np.array([[frame.get(code, none) for code in codes] for frame in seen])
     return Tags(path, codes, np.array(time), quads.reshape(len(seen), len(codes), 4, 2), len(film.time))
+
+
+def _dots(picture: "Image", tags: Sequence[Array]) -> "dict[int, Dot]":
+    """The plain dots of a film's first picture, outside the corners (4,2) px of its tags."""
+    from vision.following.dots import unknown_dots
+
+    found = sorted(unknown_dots(picture), key=lambda dot: float(dot.centre[0]))
+    quads = [np.asarray(quad, np.float32) for quad in tags]
+    free = [
+        dot for dot in found
+        if not any(cv2.pointPolygonTest(q, dot.centre.tolist(), True) > -dot.radius for q in quads)
+    ]  # fmt: skip
+    return {} if len(free) > MOST_DOTS else {-1 - k: dot for k, dot in enumerate(free)}
+
+
+def _followed(picture: "Image", dots: "dict[int, Dot]") -> "dict[int, Dot]":
+    """The dots of the picture before, each nearest to where it was, within half the way to the next one."""
+    from vision.camera import Camera
+    from vision.following.dots import find_dots
+
+    flat = Camera(np.eye(3), np.zeros(5), (picture.shape[1], picture.shape[0]))
+    found = {}
+    for code, dot in dots.items():
+        others = [np.hypot(*(dot.centre - other.centre)) for key, other in dots.items() if key != code]
+        reach = min([0.5 * float(away) for away in others] + [8.0 * dot.radius])
+        near = find_dots(picture, flat, dot.centre, dot.axes, search=reach, dark=dot.dark)
+        if near:
+            found[code] = min(near, key=lambda one: float(np.hypot(*(one.centre - dot.centre))))
+    return found
 
 
 def _dictionary(videos: Sequence[Path], stated: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from twin.gauge.synchrony import LagFit
 from twin.inputs.foundrecordings import Tags
 from twin.messages import Lines
-from twin.setup.draft import Role, SetupDraft, with_role
+from twin.setup.draft import Role, SetupDraft, in_body, in_frame, with_role
 from twin.setup.outline import (
     Drag,
     PlaneView,
@@ -18,13 +18,11 @@ from twin.setup.outline import (
     dragged,
     handle_at,
     handles_of,
-    in_body,
-    in_frame,
     sight_of,
     stretched,
 )
 from twin.setup.proposal import Proposal, proposed, write_proposal
-from twin.setup.svglayers import outline_svg, tag_at, tags_svg, unit_of_picture
+from twin.setup.svglayers import called, outline_svg, tag_at, tags_svg, unit_of_picture
 from twin.targets import Array
 
 if TYPE_CHECKING:  # vision takes a second to import
@@ -70,9 +68,8 @@ class Desk:
                 in_frame(self.draft.pose, self.contour), handles_of(self.draft, self.contour), sight,
                 width=self.width, held=held,
             )  # fmt: skip
-        names = {p.marker: p.name for p in self.proposal.config.points if p.marker is not None}
-        tags = tags_svg(film, self.proposal.roles, names, width=self.width, selected=self.selected)
-        return drawn + tags
+        roles, names = self.proposal.roles, self.proposal.names
+        return drawn + tags_svg(film, roles, names, width=self.width, selected=self.selected)
 
 
 def numbers_of(desk: Desk) -> dict[str, Any]:
@@ -158,8 +155,8 @@ def with_tag_role(desk: Desk, role: Role) -> Desk:
     if code is None:
         return desk
     if role not in desk.proposal.choices(code):
-        why = (f"tag {code} cannot be {role}: where it is on the rig nobody knows; wanted a printed sheet, "
-               "pictures of the board among the rig's tags, or its position_mm under "
+        why = (f"{called(code)} cannot be {role}: where it is on the rig nobody knows; wanted a printed "
+               "sheet, pictures of the board among the rig's tags, or its position_mm under "
                "[[frame.markers]]")  # fmt: skip
         return replace(desk, fault=why)
     return changed(desk, lambda draft: with_role(draft, code, role))

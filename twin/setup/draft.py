@@ -1,10 +1,13 @@
 """What twin.toml will be made from: recordings as they are found, and what their user says of them. Each step
 gives another draft, and nothing is written."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
 
 from twin.bodies.kinds import BODIES, BodyTable
 from twin.gauge.pressurelog import read_log
@@ -15,6 +18,7 @@ from twin.project.cameratables import BoardTable
 from twin.project.config import Config
 from twin.project.framesheet import SheetTable, read_sheet
 from twin.project.toml import parse
+from twin.targets import Array
 from twin.validation import checked
 
 if TYPE_CHECKING:
@@ -181,6 +185,18 @@ def with_body(draft: SetupDraft, kind: str) -> SetupDraft:
 def with_pose(draft: SetupDraft, pose: PoseTable | None) -> SetupDraft:
     """The draft with the body standing elsewhere in the axes of the frame; None: at their origin."""
     return _stating(draft, pose=pose)
+
+
+def in_frame(pose: PoseTable, places: Array) -> Array:
+    """Places (n,2) mm of the body, in the axes of the frame."""
+    c, s = math.cos(math.radians(pose.turn_deg)), math.sin(math.radians(pose.turn_deg))
+    return np.asarray(places @ np.array([[c, s], [-s, c]]) + (pose.x_mm, pose.z_mm))
+
+
+def in_body(pose: PoseTable, places: Array) -> Array:
+    """Places (n,2) mm of the frame, in the axes of the body."""
+    c, s = math.cos(math.radians(pose.turn_deg)), math.sin(math.radians(pose.turn_deg))
+    return np.asarray((places - (pose.x_mm, pose.z_mm)) @ np.array([[c, -s], [s, c]]))
 
 
 def _stating(draft: SetupDraft, **tables: Any) -> SetupDraft:

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from twin.inputs.foundrecordings import first
-from twin.marktables import PoseTable
 from twin.project.folder import Project
-from twin.setup.draft import SetupDraft, with_dimension, with_dimensions, with_pose
+from twin.setup.draft import SetupDraft, in_body, in_frame, with_dimension, with_dimensions, with_pose
 from twin.setup.proposal import Proposal, proposed
 from twin.targets import Array
 
@@ -72,18 +71,6 @@ def contour_of(draft: SetupDraft) -> Array:
     structure = structure_of(Project(draft.root, draft.stated))
     nodes = structure.case.nodes
     return np.asarray(nodes[edge_rows(nodes, triangles(structure.outside))][:, [0, 2]])
-
-
-def in_frame(pose: PoseTable, places: Array) -> Array:
-    """Places (n,2) mm of the body, in the axes of the frame."""
-    c, s = math.cos(math.radians(pose.turn_deg)), math.sin(math.radians(pose.turn_deg))
-    return np.asarray(places @ np.array([[c, s], [-s, c]]) + (pose.x_mm, pose.z_mm))
-
-
-def in_body(pose: PoseTable, places: Array) -> Array:
-    """Places (n,2) mm of the frame, in the axes of the body."""
-    c, s = math.cos(math.radians(pose.turn_deg)), math.sin(math.radians(pose.turn_deg))
-    return np.asarray((places - (pose.x_mm, pose.z_mm)) @ np.array([[c, -s], [s, c]]))
 
 
 def handles_of(draft: SetupDraft, contour: Array) -> dict[Handle, Array]:

@@ -24,7 +24,7 @@ from twin.setup.draft import (
 from twin.setup.outline import snapped
 from twin.setup.proposal import is_body_stated
 from twin.setup.recordedpictures import as_url, headings_of_log, recorded_pictures, said_of_log
-from twin.setup.svglayers import COLOURS
+from twin.setup.svglayers import COLOURS, called
 
 if TYPE_CHECKING:
     from twin.setup.page import Page
@@ -78,7 +78,7 @@ def tag_panel(page: "Page") -> None:
                 ui.icon("square").style(f"color: {COLOURS[role]}")
                 ui.label(f"{counts[role]} {role}: {ABOUT[role]}").classes("text-sm mr-2")
             return
-        ui.label(f"Tag {code} is").classes("font-bold")
+        ui.label(f"{called(code).capitalize()} is").classes("font-bold")
         for role in proposal.choices(code):
             _role_button(page, role, is_own=proposal.roles[code] == role)
         ui.label(ABOUT[proposal.roles[code]]).classes("text-sm text-gray-600")

@@ -1,6 +1,7 @@
 """The twin.toml that a draft proposes: what is found, in words, what nobody has decided, and its writing."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ class Proposal:
     frame: RigFrame | None  # None without a film
     roles: dict[int, Role]  # of all tags of the film, by id
     unclear: tuple[str, ...]
+    names: Mapping[int, str] = field(default_factory=dict)  # of the finger's tags, by id
 
     @property
     def text(self) -> str:
@@ -99,12 +101,14 @@ def proposed(draft: SetupDraft) -> Proposal:
     frame = rig_frame(draft, film)
     config = config.model_copy(update={"frame": frame.table})
     roles = roles_of(draft, film, frame.rig)
-    points = points_on_finger(draft, film, on_finger(film, roles), frame.markers(config, film))
+    own = points_on_finger(draft, film, on_finger(film, roles), frame.markers(config, film))
+    points = tuple(own.values()) or draft.stated.points
     calibrate = config.calibrate
     if not {point.name for point in points}.issuperset(calibrate.objective_points):
         calibrate = calibrate.model_copy(update={"objective_points": usual_objective(points)})
     config = config.model_copy(update={"points": points, "calibrate": calibrate})
-    return Proposal(draft, config, frame, roles, (*frame.unclear, *_nobodys(draft, film, roles)))
+    names = {code: point.name for code, point in own.items()}
+    return Proposal(draft, config, frame, roles, (*frame.unclear, *_nobodys(draft, film, roles)), names)
 
 
 def _recorded(draft: SetupDraft) -> Config:
@@ -126,7 +130,7 @@ def _recorded(draft: SetupDraft) -> Config:
 
 def _nobodys(draft: SetupDraft, film: Tags, roles: dict[int, Role]) -> list[str]:
     """A sentence on tags that stand still and have no place, unless the user has left them out."""
-    loose = [code for code in film.codes if roles[code] == "ignore" and code not in draft.roles]
+    loose = [c for c in film.codes if c >= 0 and roles[c] == "ignore" and c not in draft.roles]
     return [] if not loose else [
         f"Tags {', '.join(map(str, loose))} stand still: where they are nobody knows. They are left out; on "
         "the rig they want a printed sheet, pictures of the board among them, or [[frame.markers]]."
@@ -159,7 +163,8 @@ def said_of(proposal: Proposal) -> list[str]:
         what = f"loose markers, from {frame.pictures}" if frame.pictures else f"the sheet {frame.sheet}"
         lines.append(f"Frame: {what}, finger to the {frame.finger}.")
     if found.film is not None:
-        names = ", ".join(f"{point.name} (id {point.marker})" for point in config.points)
+        ids = ("dot" if point.marker is None else f"id {point.marker}" for point in config.points)
+        names = ", ".join(f"{p.name} ({which})" for p, which in zip(config.points, ids, strict=True))
         lines.append(f"Points on the finger: {names}.")
     return lines
 

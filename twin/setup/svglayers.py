@@ -26,6 +26,11 @@ def unit_of_picture(width: int) -> float:
     return width / WIDE
 
 
+def called(code: int) -> str:
+    """What a tag of that id is called; dots are numbered from -1 down."""
+    return f"tag {code}" if code >= 0 else f"dot {-code}"
+
+
 def tag_at(film: Tags, pixel: Array) -> int | None:
     """The id of the tag at a pixel (2,), None where there is none."""
     if not film.codes:
@@ -43,12 +48,17 @@ def tags_svg(
     for code, quad in zip(film.codes, _rest(film), strict=True):
         colour, wide = COLOURS[roles[code]], 0.5 if code == selected else 0.2
         dash = f"{0.5 * unit:.2f}" if roles[code] == "ignore" else "none"
-        parts.append(f'<polygon points="{_points(quad)}" fill="{colour}" fill-opacity="0.3" '
+        shape = f'polygon points="{_points(quad)}"'
+        if code < 0:
+            x, y = quad.mean(axis=0)
+            shape = f'circle cx="{x:.1f}" cy="{y:.1f}" r="{0.5 * _side(quad):.1f}"'
+        parts.append(f'<{shape} fill="{colour}" fill-opacity="0.3" '
                      f'stroke="{colour}" '
                      f'stroke-width="{wide * unit:.2f}" stroke-dasharray="{dash}"/>')  # fmt: skip
         below = code in names or quad[:, 1].min() < 2 * unit
         y = quad[:, 1].max() + 1.5 * unit if below else quad[:, 1].min() - 0.4 * unit
-        parts.append(_text(names.get(code, str(code)), quad[:, 0].mean(), y, unit, colour))
+        name = names.get(code) or called(code).removeprefix("tag ")
+        parts.append(_text(name, quad[:, 0].mean(), y, unit, colour))
     return "".join(parts)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from twin.inputs.foundrecordings import Tags, first
 from twin.marktables import PointTable
 from twin.project.framesheet import SheetTable
-from twin.setup.draft import Role, SetupDraft
+from twin.setup.draft import Role, SetupDraft, in_body
 from twin.targets import Array
 
 
@@ -78,35 +78,46 @@ def places_of_tags(film: Tags, own: Sequence[int], places: Mapping[int, Any]) ->
 
 def points_on_finger(
     draft: SetupDraft, film: Tags, own: Sequence[int], rig: Sequence[Any]
-) -> tuple[PointTable, ...]:
-    """The finger's tags, named along it; those that twin.toml had keep what it says of them.
+) -> dict[int, PointTable]:
+    """The finger's tags and dots by id, named along it; those that twin.toml had keep what it says of them,
+    a dot by its place. Dots want the frame, which tells their places.
 
     own: rows of its tags.   rig: the frame markers that are seen.
     """
     from vision.plane import MIN_VISIBLE
 
     former = {point.marker: point for point in stated_points(draft) if point.marker is not None}
+    spots = [(p, p.position_mm) for p in stated_points(draft) if p.marker is None and p.position_mm]
+    has_frame = len(rig) >= MIN_VISIBLE
+    own = [k for k in own if has_frame or film.codes[k] >= 0]
     if not len(own):
-        return draft.stated.points
-    if len(rig) < MIN_VISIBLE:  # in px, from the tag that is nearest to the clamp
-        right = along(film, own, None) * first(film.centre)[list(own)][:, 0]
-        x, size = right - right.min(), np.full(len(own), np.nan)
+        return {}
+    if not has_frame:  # in px, from the tag that is nearest to the clamp
+        x = along(film, own, None) * first(film.centre)[list(own)][:, 0]
+        place, size = np.stack([x - x.min(), np.zeros(len(own))], axis=1), np.full(len(own), np.nan)
     else:
-        x = places_of_tags(film, own, {m.marker: np.array(m.position_mm)[[0, 2]] for m in rig})[:, 0]
+        known = {m.marker: np.array(m.position_mm)[[0, 2]] for m in rig}
+        place = in_body(draft.pose, places_of_tags(film, own, known))
         size = _sizes(film, own, rig)
+    x = place[:, 0]
     tip = int(np.argmax(x))
     middle = int(np.argmin(np.abs(x - 0.5 * x[tip])))
-    found = []
+    found = {}
     for rank, k in enumerate(np.argsort(x)):
         name = "tip" if k == tip else "middle" if k == middle else f"p{rank + 1}"
-        code = film.codes[own[k]]  # where it sits, `twin measure` measures
+        code = film.codes[own[k]]  # where a tag sits, `twin measure` measures
         side = round(float(size[k]), 2) if np.isfinite(size[k]) else None
-        found.append(former.get(code) or PointTable(name=name, marker=code, size_mm=side))
-    return tuple(found)
+        if code >= 0:
+            found[code] = former.get(code) or PointTable(name=name, marker=code, size_mm=side)
+            continue
+        at = round(float(x[k]), 2), float(rig[0].position_mm[1]), round(float(place[k, 1]), 2)
+        near = [p for p, (a, _, b) in spots if np.hypot(a - at[0], b - at[2]) < size[k]]
+        found[code] = near[0] if near else PointTable(name=name, position_mm=at, size_mm=side)
+    return found
 
 
 def _sizes(film: Tags, own: Sequence[int], rig: Sequence[Any]) -> Array:
-    """Sides (n,) mm of tags, beside those of the rig."""
+    """Sides (n,) mm of tags and diameters of dots, beside those of the rig."""
     def side(rows: Sequence[int]) -> Array:
         quads = first(film.quads.reshape(*film.quads.shape[:2], 8)).reshape(-1, 4, 2)[list(rows)]
         return np.linalg.norm(quads - np.roll(quads, 1, axis=1), axis=2).mean(axis=1)

@@ -1,4 +1,5 @@
-"""Centres of plain dots in a picture: iso-contour, ellipse, and what perspective does to it."""
+"""Centres of plain dots in a picture: iso-contour, ellipse, and what perspective does to it; and dots of
+which nothing is known."""
 
 from dataclasses import dataclass
 
@@ -21,6 +22,7 @@ INSIDE, OUTSIDE = 0.4, 1.45  # radii at which the grey of dot and paper are read
 # share of the radius. A printed rim is rough by about 1 % of the radius and never smoother than the pixels;
 # a dot of which a third of the radius is covered is off by 4 %.
 ROUND_PX, ROUND = 0.3, 0.015
+LEAST_PX, LARGEST = 4.0, 0.05  # radii of dots of unknown size: in px, and as a share of the picture's height
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,23 @@ def find_dots(
             if np.all(np.abs(dot.axes / axes - 1.0) < tolerance):
                 dots.append(dot)
     return dots
+
+
+def unknown_dots(image: Image) -> list[Dot]:
+    """All dots of a picture, of any size, dark and light ones; of two rings round one middle the first."""
+    flat = Camera(np.eye(3), np.zeros(5), (image.shape[1], image.shape[0]))
+    found: list[Dot] = []
+    for dark in (True, False):
+        wanted = cv2.SimpleBlobDetector.Params()
+        wanted.blobColor = 0 if dark else 255
+        wanted.minArea, wanted.maxArea = np.pi * LEAST_PX**2, np.pi * (LARGEST * image.shape[0]) ** 2
+        wanted.filterByCircularity, wanted.minCircularity = True, 0.8
+        for spot in cv2.SimpleBlobDetector.create(wanted).detect(image):
+            guess, radius = np.array(spot.pt), 0.5 * spot.size
+            for dot in find_dots(image, flat, guess, np.full(2, radius), search=0.5 * radius, dark=dark)[:1]:
+                if all(np.hypot(*(dot.centre - other.centre)) > other.radius for other in found):
+                    found.append(dot)
+    return found
 
 
 def _known(contour: Array, dots: list[Dot], low: NDArray[np.int_], camera: Camera) -> bool:

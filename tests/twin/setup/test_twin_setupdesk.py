@@ -4,6 +4,7 @@ import socket
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -11,7 +12,7 @@ from tests.messages import Lines, says
 from twin import files
 from twin.commands.init import film_config
 from twin.gauge.pressurelog import Log
-from twin.inputs.foundrecordings import Recordings, Tags, with_clock
+from twin.inputs.foundrecordings import Recordings, Tags, _tags, with_clock
 from twin.project.cameratables import BoardTable
 from twin.project.folder import Project
 from twin.project.framesheet import SheetMarker, SheetTable
@@ -28,6 +29,8 @@ from twin.setup.desk import (
 )
 from twin.setup.draft import (
     SetupDraft,
+    in_body,
+    in_frame,
     with_board,
     with_body,
     with_dimension,
@@ -35,11 +38,13 @@ from twin.setup.draft import (
     with_rulers,
     with_start,
 )
-from twin.setup.outline import handles_of, in_body, in_frame
+from twin.setup.outline import handles_of
 from twin.setup.proposal import proposed
 from twin.setup.recordedpictures import clock_chart, headings_of_log, said_of_log
 from twin.validation import decoded
-from vision import Camera
+from vision import Camera, Mark
+from vision.drawing import synthetic
+from vision.kinds import CodedMarker, PlainDot
 
 PX, MIDDLE = 3.0, np.array([400.0, 200.0])  # px/mm; of the sheet's middle and z = 0
 SIDE = 0.5 * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
@@ -164,6 +169,60 @@ def test_a_tag_without_a_place_is_no_frame_marker(desk):
     assert refused.draft is there.draft
     said = with_tag_role(there, "ignore")
     assert not any("30" in line for line in said.proposal.wanted)  # somebody has decided
+
+
+def with_dots(draft, places, sinks):
+    """The draft with plain dots of 3 mm at places (n,2) mm of the sheet, which sink by so many px at most."""
+    film = draft.found.film
+    share = (pressure(film.time + START) / 0.03)[:, None]
+    centre = np.tile(seen(places), (len(film.time), 1, 1))
+    centre[..., 1] += share * sinks
+    quads = np.concatenate([film.quads, centre[:, :, None] + 3.0 * PX * SIDE], axis=1)
+    more = replace(film, codes=(*film.codes, *(-1 - k for k in range(len(places)))), quads=quads)
+    return replace(draft, found=replace(draft.found, film=more))
+
+
+def test_dots_of_a_film_are_found_and_followed_beside_its_tags(tmp_path):
+    matrix, facing = np.array([[1200.0, 0, 160], [0, 1200.0, 100], [0, 0, 1]]), -np.eye(3)[[0, 2, 1]]
+    camera = Camera(matrix, np.zeros(5), (320, 200))
+    marks = [Mark(f"m{k}", CodedMarker(k, 8.0) if k < 4 else PlainDot(4.0), (x, 0.0, z), "finger")
+             for k, (x, z) in enumerate([(-30, 15), (30, 15), (-30, -15), (30, -15), (-8, 0), (10, 5)])]  # fmt: skip
+    place = np.tile([m.position for m in marks], (8, 1, 1))
+    place[:, 4, 2] -= 0.8 * np.arange(8)
+    pose = cv2.Rodrigues(facing)[0].ravel(), np.array([0.0, 0.0, 300.0])
+    synthetic.film(tmp_path / "film.mkv", camera=camera, pose=pose, marks=marks, positions=place,
+                   rotations=np.zeros((8, 6)), codec="rawvideo")  # fmt: skip
+    film = _tags(tmp_path / "film.mkv", "DICT_4X4_50")
+    assert film.codes == (-2, -1, 0, 1, 2, 3)  # none within a tag
+    assert film.moves.tolist() == [True, False, False, False, False, False]
+    assert film.still == {0, 1, 2, 3}
+    want = 4.0 * place[:, [4, 5]][..., [0, 2]] * (-1.0, -1.0) + (160.0, 100.0)  # px
+    np.testing.assert_allclose(film.centre[:, :2], want, atol=0.1)
+    np.testing.assert_allclose(np.ptp(film.quads[:, :2], axis=2), 16.0, atol=0.5)
+
+
+def test_dots_are_drawn_named_and_get_roles_by_a_click(draft):
+    dotted = desk_of(with_dots(draft, [(-30.0, 1.0), (-90.0, -40.0)], [25.0, 0.0]), width=800)
+    assert (dotted.proposal.roles[-1], dotted.proposal.roles[-2]) == ("finger", "ignore")
+    (dot,) = [p for p in dotted.proposal.config.points if p.marker is None]
+    assert dot.position_mm == pytest.approx((85.0, 11.5, 1.0), abs=0.01)  # from the clamp, at the side face
+    assert dot.size_mm == pytest.approx(3.0, abs=0.01)
+    assert dotted.svg.count("r=\"4.5\"") == 2
+    assert f">{dot.name}<" in dotted.svg
+    assert ">dot 2<" in dotted.svg
+    assert "Tags" not in " ".join(line for line in dotted.proposal.wanted if "-2" in line)
+    both = with_tag_role(pressed(dotted, seen((-90.0, -40.0))), "finger")
+    assert both.selected == -2
+    assert sum(p.marker is None for p in both.proposal.config.points) == 2
+    says(with_tag_role(both, "frame").fault, "dot 2 cannot be frame")
+    none = with_tag_role(pressed(both, seen((-30.0, 1.0))), "ignore")
+    assert -1 not in none.proposal.names
+    # a dot that twin.toml has keeps its name, and what was measured of it
+    own = dot.model_copy(update={"name": "spot", "position_mm": (85.4, 11.5, 1.0)})
+    stated = both.draft.stated.model_copy(update={"points": (own,)})
+    kept = desk_of(replace(dotted.draft, stated=stated), width=800).proposal
+    assert own in kept.config.points
+    assert kept.names[-1] == "spot"
 
 
 def test_the_outline_is_moved_turned_and_made_longer(desk):

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from tests.pulls import band
 from vision.camera import Camera
-from vision.following.dots import eccentricity, find_dots
+from vision.following.dots import eccentricity, find_dots, unknown_dots
 from vision.following.identity import DotMemory, assign, follow_dots, start
 from vision.following.tracking import _unknown
 
@@ -64,6 +64,16 @@ def test_centre_and_its_stated_covariance(diameter: float, dark: bool) -> None:
     assert np.sqrt(np.mean(np.square(errors))) < {8.0: 0.008, 12.0: 0.0065, 20.0: 0.005}[diameter]
     low, high = band(192)
     assert low < np.sqrt(np.mean(np.square(np.array(errors) / sd))) < high
+
+
+@pytest.mark.parametrize("dark", [True, False])
+def test_dots_of_which_nothing_is_known_are_found(dark: bool) -> None:
+    centres = np.array([(30.3, 40.1), (70.8, 30.2), (120.4, 60.7)])
+    found = unknown_dots(picture(centres, 4.3, np.random.default_rng(2), dark=dark))
+    assert [dot.dark for dot in found] == [dark] * 3
+    np.testing.assert_allclose(sorted(dot.centre.tolist() for dot in found), centres, atol=0.1)
+    assert [dot.radius for dot in found] == pytest.approx([4.3] * 3, abs=0.3)
+    assert not unknown_dots(picture(centres[:0], 4.3, np.random.default_rng(2), bar=(60, 70)))
 
 
 @pytest.mark.parametrize("radius", [2.5, 4.0, 9.0, 20.0, 49.0, 60.0])
