@@ -1,0 +1,196 @@
+"""Programs that are not ours, diagnosed from outside: is the mechanism right, the hidden effect in the set?
+
+    python benchmarks/foreign.py [--quick] [--json]     some minutes
+
+Two programs: `arcs`, a rod of constant curvature, and `rod`, an elastic line that stretches, bends and
+weighs. Data come from the same physics in finer steps, with an effect that is hidden by code of its own (lag
+and creep step by step, the picture through a pinhole) and noise. `taper`, a stiffness that falls along the
+body, is hidden twice: where the program can have it by a parameter, and where it cannot.
+
+models: by program n, mechanism (share whose first mechanism is that of the hidden effect) and in_set (share
+whose nearest names hold it, of those that can be named); sure_wrong: share with a wrong name and a grade
+above `like`. --quick: every fourth trial.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+sys.path.insert(0, os.path.abspath(f"{__file__}/../.."))
+from benchmarks.commandline import options
+
+import numpy as np
+import pandas
+from numpy.typing import NDArray
+
+import twin
+from twin.diagnosis.grades import Grade
+from twin.effects.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+PLACES = {"a": (25.0, 0.0, 2.0), "b": (50.0, 0.0, -2.0), "c": (75.0, 0.0, 2.0), "tip": (100.0, 0.0, -4.0)}
+X, _, Z = np.array(list(PLACES.values())).T
+SD = 0.05  # mm
+STEPS, LOG = np.arange(0.0, 40.0, 0.5), np.arange(0.0, 39.6, 0.02)
+FINE = np.arange(0.0, 40.0, 2e-3)
+SIZES: dict[str, tuple[tuple[float, ...], Mechanism]] = {
+    "pressure_lag": ((0.1, 0.3, 0.6), Mechanism.COURSE), "creep": ((0.02, 0.06, 0.12), Mechanism.HISTORY),
+    "time_shift": ((0.05, -0.1, 0.2), Mechanism.COURSE),
+    "pressure_offset": ((3e-4, -6e-4, 1e-3), Mechanism.COURSE),
+    "camera_scale": ((0.01, -0.02, 0.04), Mechanism.PICTURE),
+    "camera_rotation": ((0.01, -0.02, 0.04), Mechanism.PICTURE),
+    "thermal": ((5e-4, -1e-3, 2e-3), Mechanism.HISTORY), "taper": ((0.03, -0.06, 0.12), Mechanism.BODY),
+}  # fmt: skip
+
+
+def course(t: Array) -> Array:
+    """Two rises with holds, MPa."""
+    return np.interp(t, [0, 3, 8, 18, 22, 26, 30, 36, 40], [0, 0, 0.03, 0.03, 0.01, 0.01, 0.03, 0.03, 0.0])
+
+
+def line(stretch: Array, curvature: Array) -> Array:
+    """Displacements (s, 4, 3) mm of points of a rod whose stretch and curvature (s, n) hold in n equal parts
+    of its length."""
+    n = curvature.shape[1]
+    h = X.max() / n
+    turn = np.concatenate([np.zeros((len(curvature), 1)), np.cumsum(h * curvature, axis=1)], axis=1)
+    middle = (turn[:, 1:] + turn[:, :-1]) / 2
+    nothing = np.zeros((len(turn), 1))
+    ends = [np.hstack([nothing, np.cumsum(h * stretch * f(middle), axis=1)]) for f in (np.cos, np.sin)]
+    at = (X / h).round().astype(int)
+    u = np.zeros((len(curvature), len(X), 3))
+    u[..., 0] = ends[0][:, at] + Z * np.sin(turn[:, at]) - X
+    u[..., 2] = -ends[1][:, at] + Z * (np.cos(turn[:, at]) - 1)
+    return u
+
+
+def softer(values: Values, n: int) -> Array:
+    """The bend (n,) of the parts over that of an even rod."""
+    return 1 - values.get("taper", 0.0) * (2 * (np.arange(n) + 0.5) / n - 1)
+
+
+def arcs(values: Values, pressure: Array, *, parts: int = 100) -> Array:
+    """A rod whose curvature is a parabola of the pressure."""
+    k = (values["bending"] * pressure + values["more"] * pressure**2)[:, None]
+    return line(np.ones((len(k), parts)), k * softer(values, parts))
+
+
+def rod(values: Values, pressure: Array, *, parts: int = 100) -> Array:
+    """A rod of stiffness E that the pressure of a chamber off its axis stretches and bends, and its weight:
+    sections 300 mm2 and 9000 mm4, a chamber of 60 mm2 at 7 mm; fixed-point sweeps of the moment."""
+    p, E, h = pressure[:, None], values["E"], X.max() / parts
+    weight = 1.07e-9 * 9810 * 300 * h  # N of a part
+    stretch, turn = 1 + 60 * p / (300 * E) * np.ones(parts), np.zeros((len(p), parts))
+    for _ in range(6):
+        x = np.cumsum(h * stretch * np.cos(turn), axis=1)
+        beyond = np.arange(parts, 0, -1) - 1
+        moment = weight * (np.cumsum(x[:, ::-1], axis=1)[:, ::-1] - x - beyond * x)
+        bend = (60 * 7 * p + moment) / (9000 * E) * softer(values, parts)
+        turn = np.cumsum(h * bend, axis=1) - h * bend / 2
+    return line(stretch, bend)
+
+
+MODELS: dict[str, tuple[Callable[..., Array], list[twin.Parameter], Values]] = {
+    "arcs": (arcs, [twin.Parameter("bending", 0.05, 2.0, "1/(mm MPa)", start=0.5, typical=0.05),
+                    twin.Parameter("more", -20.0, 20.0, "1/(mm MPa2)", start=0.0, typical=1.0)],
+             {"bending": 0.4, "more": 3.0}),
+    "rod": (rod, [twin.Parameter("E", 0.02, 0.6, "MPa", start=0.12, typical=0.02)], {"E": 0.09}),
+}  # fmt: skip
+
+
+def hidden(model: str, kind: str, size: float) -> Array:
+    """Displacements (s, 4, 3) mm with a hidden effect."""
+    program, _, true = MODELS[model]
+    values, p = dict(true), course(FINE)
+    if kind == "pressure_lag":
+        for k in range(1, len(p)):
+            p[k] = p[k - 1] + 2e-3 / size * (course(FINE[k - 1 : k])[0] - p[k - 1])
+    elif kind == "time_shift":
+        p = course(FINE - size)
+    elif kind == "pressure_offset":
+        p = p + size
+    elif kind == "creep":  # a Kelvin element of 4 s in series: its strain, step by step
+        given = 0 * p
+        for k in range(1, len(p)):
+            given[k] = given[k - 1] + 2e-3 / 4.0 * (size * p[k - 1] - given[k - 1])
+        p = p + given
+    elif kind == "thermal":
+        p = p / (1 + size * FINE)
+    elif kind == "taper":
+        values["taper"] = size
+    u = program(values, np.interp(STEPS, FINE, p), parts=400)
+    at = u + np.array(list(PLACES.values()))
+    if kind == "camera_rotation":
+        c, s = np.cos(size), np.sin(size)
+        u = at @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]).T - at + u
+    if kind == "camera_scale":  # a pinhole whose distance was measured wrong
+        u = at * (500.0 / (500.0 * (1 - size / (1 + size)))) - at + u
+    return np.asarray(u - u[0])
+
+
+def data_of(u: Array, seed: int) -> twin.Targets:
+    """What would be measured."""
+    seen = u + SD * np.random.default_rng(seed).standard_normal(u.shape)
+    rows = {"time_s": STEPS, "pressure_kPa": 1e3 * course(STEPS)}
+    rows |= {f"{n}_{a}_mm": seen[:, k, i] for k, n in enumerate(PLACES) for i, a in ((0, "x"), (2, "z"))}
+    log = pandas.DataFrame({"time_s": LOG, "pressure_kPa": 1e3 * course(LOG)})
+    return twin.read_table(pandas.DataFrame(rows), points=PLACES, sd_mm=SD, log=log)
+
+
+def trial(model: str, kind: str, size: float, seed: int, *, variant: bool) -> dict[str, Any]:
+    """The row of one diagnosis."""
+    program, parameters, _ = MODELS[model]
+    own = (
+        [twin.Parameter("taper", -0.5, 0.5, "", null=0.0, typical=0.02, plausible=(-0.3, 0.3))]
+        if variant
+        else []
+    )
+    mine = twin.simulator(program, parameters, variants=own)
+    found = twin.diagnose(mine, data_of(hidden(model, kind, size), seed)).diagnosis
+    near = {name for each in found.nearest for name in each.split(" + ")}
+    sure = found.grade in (Grade.NAMED, Grade.LIKELY)
+    return {
+        "model": model, "kind": kind, "size": size, "variant": variant, "verdict": found.verdict,
+        "grade": found.grade, "mechanism": found.mechanisms[:1] == (SIZES[kind][1],), "runs": len(mine.runs),
+        "in_set": kind in near if kind != "taper" or variant else None,
+        "sure_wrong": sure and set(found.named) != {kind},
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Run the trials, print the rates."""
+    typed = options(__doc__, {}, quick="every fourth trial", json="one JSON line")
+    trials = [
+        (model, kind, size, variant)
+        for model in MODELS
+        for kind, (sizes, _) in SIZES.items()
+        for size in sizes
+        for variant in ((False, True) if kind == "taper" else (False,))
+    ]
+    rows: list[dict[str, Any]] = []
+    for seed, (model, kind, size, variant) in enumerate(trials):
+        if typed.quick and seed % 4:
+            continue
+        began = time.process_time()
+        rows.append(trial(model, kind, size, seed, variant=variant))
+        print(f"{rows[-1]} {time.process_time() - began:.0f} s", file=sys.stderr, flush=True)
+    result = {"models": {model: rates([r for r in rows if r["model"] == model]) for model in MODELS}}
+    print(json.dumps(result, indent=None if typed.json else 1))
+
+
+def rates(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """n and the shares of some rows."""
+
+    def share(key: str) -> float:
+        seen = [r[key] for r in rows if r[key] is not None]
+        return round(sum(seen) / max(len(seen), 1), 3)
+
+    return {"n": len(rows)} | {key: share(key) for key in ("mechanism", "in_set", "sure_wrong")}
+
+
+if __name__ == "__main__":
+    main()
