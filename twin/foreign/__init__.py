@@ -3,5 +3,6 @@
 Read `programs` first: somebody's program as a callable, checked at every answer, no run made twice.
 `foreignmodel` is that program as the diagnosis asks every model, with `courseeffects`, the effects that need
 no structure of ours: the pressure's course, clocks, the picture, creep and drift by what they do to the
-pressure. `foreigndiagnosis` puts them beside data.
+pressure. `foreigndiagnosis` puts them beside data. `runtable` proposes runs that are made anywhere, and takes
+their table for a program.
 """

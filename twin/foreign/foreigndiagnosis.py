@@ -51,8 +51,8 @@ def rougher(data: Targets, scatter: float) -> Targets:
     least = float(np.nanmin(noise.sd))
     if scatter > least:
         raise ValueError(
-            f"the simulator's answers scatter by {scatter:.3g} mm (two runs of one question), more than the "
-            f"noise of the data ({least:.3g} mm); wanted less: a finer tolerance, or the mean of several runs"
+            f"the simulator's answers scatter by {scatter:.3g} mm, more than the noise of the data "
+            f"({least:.3g} mm); wanted less: a finer tolerance, the mean of several runs, or more runs"
         )
     return replace(
         data, covariance=data.covariance + scatter**2 * np.eye(3),

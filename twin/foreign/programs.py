@@ -50,13 +50,15 @@ class Simulator:
     value} and pressures (s,) MPa at these steps. Without pressures an answer counts as a curve over the
     pressure, on which gauge and lag move. parameters: those that are fitted, with unit and bounds. variants:
     effects that it can have by parameters of its own. keep: a folder for its runs, by which a diagnosis goes
-    on where it was stopped; empty it where the program has changed.
+    on where it was stopped; empty it where the program has changed. error_mm: how far its answers are off,
+    each by itself, beside what two runs of one question tell.
     """
 
     predict: Callable[..., Any]
     parameters: tuple[Parameter, ...]
     variants: tuple[Variant, ...] = ()
     keep: Path | None = None
+    error_mm: float = 0.0
     runs: dict[str, Array] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -85,10 +87,11 @@ class Simulator:
         return u + along_curve(u, stated, pressure) - along_curve(u, stated, stated)
 
     def scatter(self, values: Values, pressure: Array, points: int) -> float:
-        """The sd in mm of its answers, by two runs of one question."""
+        """The sd in mm of its answers: as stated, and by two runs of one question."""
         first, second = self._run(values, pressure, points), self._asked(values, pressure, points)
         apart = float(np.sqrt(np.mean((first - second) ** 2) / 2))
-        return apart if apart > SCATTER * float(np.abs(first).max()) else 0.0
+        apart = apart if apart > SCATTER * float(np.abs(first).max()) else 0.0
+        return float(np.hypot(apart, self.error_mm))
 
     def _run(self, values: Values, pressure: Array, points: int) -> Array:
         asked = pressure if self.takes_pressure else np.zeros(0)
