@@ -49,8 +49,8 @@ def of_runs(
     """The simulator of a table of runs: values by name, and displacements (n, s, p, 3) mm of each run.
 
     Between the runs it answers by cubic radial functions over a polynomial (Wendland 2004, ISBN
-    978-0-521-84335-5); its error is the root mean square of what each run is missed by where it is left out,
-    and counts as noise of a diagnosis. ValueError for too few runs, or where they do not tell a parameter.
+    978-0-521-84335-5); its error is the rms by which that run is missed, left out, that is missed most, and
+    counts as noise of a diagnosis. ValueError for too few runs, or where they do not tell a parameter.
     """
     every = (*parameters, *(v.parameter for v in variants))
     u, least = np.asarray(answers, float), LEAST * len(every) + 1
@@ -66,7 +66,7 @@ def of_runs(
         raise ValueError("the runs do not tell the parameters apart; wanted values that vary one by one")
     flat, n = u.reshape(len(u), -1), np.arange(len(u))
     missed = [flat[k] - _between(x[n != k], flat[n != k])(x[k : k + 1])[0] for k in n]
-    error = float(np.sqrt(np.mean(np.square(missed))))
+    error = float(np.sqrt(np.mean(np.square(missed), axis=1)).max())
     predict = partial(_answer, every, _between(x, flat), u.shape[1:], (x.min(axis=0), x.max(axis=0)))
     return Simulator(lambda values: predict(values), tuple(parameters), tuple(variants), error_mm=error)
 

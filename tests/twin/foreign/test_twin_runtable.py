@@ -24,15 +24,15 @@ def test_its_error_is_no_less_than_that_between_the_runs() -> None:
         table = of_runs(NEAR, runs, answers(runs))
         asked = design(NEAR, 41, seed=2)[1:]
         off = [table.at(run, course(TIME), course(TIME), len(PLACES)) - arcs(run, course(TIME)) for run in asked]
-        assert np.sqrt(np.mean(np.square(off))) < 1.25 * table.error_mm, count
+        assert np.sqrt(np.mean(np.square(off))) < table.error_mm, count
         stated.append(table.error_mm)
-    assert stated[1] < 0.2 * stated[0] < 0.05  # mm
+    assert stated[1] < 0.2 * stated[0]
 
 
 def test_what_its_program_lacks_is_named() -> None:
     runs = design(NEAR, 40, seed=1)
     table, places = of_runs(NEAR, runs, answers(runs)), np.array(list(PLACES.values()))
-    assert table.error_mm < 0.02
+    assert table.error_mm < 0.04  # mm: the noise is 0.05
     u = arcs(TRUE, course(TIME))
     assert twin.diagnose(table, data_of(u + 0.02 * (u + places))).named[0] == "camera_scale"
 
