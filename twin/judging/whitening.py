@@ -277,7 +277,7 @@ class Whitener:
 
         Their covariance is N + A' S A: N of the noise, S = inner (k, k) of the fields A (k, s, m) mm.
         """
-        flat = fields.reshape(len(fields), -1)
+        flat = fields.reshape(len(fields), self.valid.size)
         noised = self.noise.covariance_times(fields).reshape(flat.shape)
         gram, between = flat @ flat.T, flat @ noised.T
         product = inner @ gram

@@ -159,6 +159,15 @@ def test_noise_sd_is_its_definition(targets: Targets) -> None:
     assert w.noise_sd == pytest.approx(np.sqrt(np.mean(variances)), rel=1e-12)
 
 
+def test_where_nothing_is_free_and_nothing_shared_the_expected_error_is_the_noise(targets: Targets) -> None:
+    alone = replace(targets, modes=np.zeros((0, *targets.value.shape)), mode_names=(), pressure_sd=0 * targets.pressure_sd)
+    none = np.zeros((0, *targets.value.shape))
+    w = whitener(alone, prediction_modes=none, gauge=np.zeros(targets.value.shape))
+    found = w.expected_after(none)
+    assert found.rms_mm == pytest.approx(w.noise_sd, rel=1e-6)
+    assert found.low_mm < found.rms_mm < found.high_mm
+
+
 def test_the_expected_error_is_that_of_noise_and_shared_errors_together(targets: Targets) -> None:
     gauge = gauge_of(targets)
     w = whitener(targets, prediction_modes=np.zeros((0, *gauge.shape)), gauge=gauge)
