@@ -96,6 +96,10 @@ class ForeignModel(Model):
         jacobian = np.reshape(rows, (len(theta), *u.shape)) if derivatives else None
         return Solved(theta.copy(), self.seen(u, test, values), jacobian, _nothing())
 
+    def drawn(self, theta: Array) -> Solved:
+        """The answer at theta (d,): there is nothing else to draw."""
+        return self.solved(theta)
+
     def per_pressure(self, theta: Array) -> Array:
         """dU/dp (s, p, 3) mm per MPa of the pressure at the step itself."""
         values = self.named(theta)
@@ -141,19 +145,19 @@ class ForeignModel(Model):
         """The derivative (s, p, 3) of what is seen by parameter k."""
         p = self.parameters[k]
         owner = next(e for e in self.effects if p in e.parameters)
-        foreign = isinstance(owner, (Given, VariantEffect))
-        h = self.wider * NUDGE * p.step if foreign else STEP * p.step
-        low, high = max(values[p.name] - h, p.low) if foreign else values[p.name] - h, values[p.name] + h
-        high = min(high, p.high) if foreign else high
-        sides = [{**values, p.name: x} for x in (high, low)]
-        tests = [self.put(side) for side in sides]
-        if foreign:
-            ends = [self._answer(side, there) for side, there in zip(sides, tests, strict=True)]
+        if isinstance(owner, (Given, VariantEffect)):
+            h = self.wider * NUDGE * p.step
+            sides = [
+                {**values, p.name: float(np.clip(values[p.name] + way * h, p.low, p.high))} for way in (1, -1)
+            ]
+            tests = [test, test]
+            ends = [self._answer(side, test) for side in sides]
         else:
-            slope = self._per_pressure(values, test)
+            sides = [{**values, p.name: values[p.name] + way * STEP * p.step} for way in (1, -1)]
+            tests, slope = [self.put(side) for side in sides], self._per_pressure(values, test)
             ends = [u + slope * (_pressure(there) - _pressure(test))[:, None, None] for there in tests]
-        seen = [self.seen(*each) for each in zip(ends, tests, sides, strict=True)]
-        return np.asarray((seen[0] - seen[1]) / (high - low))
+        plus, minus = (self.seen(*each) for each in zip(ends, tests, sides, strict=True))
+        return np.asarray((plus - minus) / (sides[0][p.name] - sides[1][p.name]))
 
 
 def _pressure(test: Test) -> Array:
