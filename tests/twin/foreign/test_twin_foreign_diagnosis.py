@@ -73,6 +73,15 @@ def test_its_derivatives_are_those_of_its_answers() -> None:
         np.testing.assert_allclose(model.jacobian(theta)[k], wanted, rtol=0, atol=3e-3 * np.abs(wanted).max())
 
 
+def test_moduli_that_drift_act_as_another_pressure() -> None:
+    base = ForeignModel.of(rod(), data_of(arcs(TRUE, course(TIME))))
+    (thermal,) = [e for e in candidates(base.test) if e.name == "thermal"]
+    model = base.with_effect(thermal)
+    u = model.predict(model.theta({**TRUE, "thermal.rate": 1e-3}))
+    wanted = arcs(TRUE, course(TIME) / (1 + 1e-3 * TIME))
+    np.testing.assert_allclose(u, wanted - wanted[0], rtol=0, atol=2e-3)  # mm: the log is read between its rows
+
+
 def test_only_effects_that_need_no_structure_are_tried() -> None:
     test = ForeignModel.of(rod(), data_of(arcs(TRUE, course(TIME)))).test
     names = {e.name for e in candidates(test)}
