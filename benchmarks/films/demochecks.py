@@ -20,7 +20,7 @@ from benchmarks import ROOT
 from benchmarks.commandline import options
 
 PLAIN = {"demo": 3.0, "quick": 2.0}  # of the noise: the error before is at least so large
-FALLEN = 1.2  # and after at most: a law of two terms describes all but 3 % of three
+FALLEN = 1.1  # and after at most
 NOISE_MM = {"demo": (0.02, 0.08), "quick": (0.01, 0.04)}  # of each data set
 OFF_PX = 2.0
 

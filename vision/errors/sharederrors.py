@@ -80,22 +80,26 @@ def node(value: Array, marks: Sequence[Mark], slope: Array, sd: float, measured_
 def slopes(value: Array, marks: Sequence[Mark], turns: Array) -> Array:
     """Slopes (s,p,2,2) of the displacement's x and z by the material point's x and z; 0 off the finger.
 
-    Across the finger it is that of the turn (s,p) rad, R - 1; along it that of the turn too, and what the
-    chord between the neighbouring finger marks stretches beyond their turns, all at the mark's height. A
-    chord alone is the slope half way to the neighbour where the first or last mark has one only.
+    Across the finger it is that of the turn (s,p) rad, R - 1. Along it is the chord between the neighbouring
+    finger marks, stretch included, less what their heights make of it; of the first and the last mark, whose
+    chord to the one neighbour is the slope half way, that of the turn and what the chord stretches beyond.
     """
     out = np.zeros((*turns.shape, 2, 2))
     points, finger = np.array([mark.position for mark in marks]), with_role(marks, "finger")
     along, across = _turned(turns)
     for p in finger:
         out[:, p] = np.stack([along[:, p], across[:, p]], axis=-1)
-        ends = np.array(_beside(points, finger, p))
-        x, _, z = (points[ends] - points[p]).T
-        if x[1] > x[0]:
-            a, b = np.moveaxis(value[:, ends][..., [0, 2]] - z[:, None] * across[:, ends], 1, 0)
-            half = (along[:, ends] + along[:, p, None]) / 2.0
-            stretch = (b - a - x[1] * half[:, 1] + x[0] * half[:, 0]) / (x[1] - x[0])
+        a, b = _beside(points, finger, p)
+        if points[b, 0] <= points[a, 0]:
+            continue
+        (x, _, z), moved = points[b] - points[a], (value[:, b] - value[:, a])[:, [0, 2]]
+        if p in (a, b):
+            own = (points[[a, b], 2] - points[p, 2])[:, None] * across[:, [a, b]]
+            stretch = (moved - own[:, 1] + own[:, 0]) / x - (along[:, a] + along[:, b]) / 2.0
             out[:, p, :, 0] += np.nan_to_num(stretch)
+        else:
+            chord = (moved - z * across[:, p]) / x
+            out[:, p, :, 0] = np.where(np.isfinite(chord), chord, along[:, p])
     return out
 
 
