@@ -97,7 +97,7 @@ def test_scatter_is_carried_or_refused_and_a_start_must_answer() -> None:
         return twin.simulator(lambda v, p: arcs(v, p) + sd * rng.standard_normal((len(p), 3, 3)), [STIFF, BEND])
 
     assert twin.diagnose(noisy(0.02), data_of(u), stand_ins=False).verdict == "none needed"
-    with pytest.raises(ValueError, match=r"scatter by 0.\d+ mm .* noise of the data \(0.05 mm\)"):
+    with pytest.raises(ValueError, match=r"scatter by 0.\d+ mm, .* noise of the data \(0.05 mm\)"):
         twin.diagnose(noisy(0.5), data_of(u))
     with pytest.raises(ValueError, match=r"failed at curvature = 0.5, bend = 0: .*wanted a start"):
         twin.diagnose(twin.simulator(lambda v, p: 1 / 0, [STIFF, BEND]), data_of(u))
