@@ -10,9 +10,9 @@ from twin.diagnosis.deciding import Diagnosis
 from twin.effects.protocol import Effect, Unsolvable
 from twin.foreign.courseeffects import candidates, plain_stand_ins
 from twin.foreign.foreignmodel import WIDER, ForeignModel
-from twin.foreign.programs import Simulator
+from twin.foreign.programs import Simulator, nominal
 from twin.messages import Say
-from twin.targets import Array, Targets
+from twin.targets import Targets
 
 
 def diagnosed(
@@ -21,11 +21,9 @@ def diagnosed(
     """The diagnosis of a simulator, fitted to data from the start of each parameter, or the middle of its
     bounds. effects: candidates, by default all that it can have. ValueError where it fails at its start, or
     scatters by more than the noise."""
-    model, start = ForeignModel.of(simulator, data), nominal(simulator)
-    values = {p.name: float(x) for p, x in zip(simulator.parameters, start, strict=True)}
-    values |= {v.parameter.name: float(v.parameter.null or 0.0) for v in simulator.variants}
+    model, start = ForeignModel.of(simulator, data), nominal(simulator.parameters)
     try:
-        scatter = simulator.scatter(values, model.stated, len(data.points))
+        scatter = simulator.scatter(start | simulator.absent, model.stated, len(data.points))
     except Unsolvable as error:
         raise ValueError(f"{error}; wanted a start at which it answers: Parameter(..., start=...)") from None
     if scatter:
@@ -33,13 +31,9 @@ def diagnosed(
     every = tuple(effects) or candidates(model.test, simulator.variants)
     generic = plain_stand_ins(model.test) if stand_ins else ()
     return procedure.diagnose(
-        model, every, data, seed=seed, start=start, beside=generic, plan=False, progress=say.progress
-    )
-
-
-def nominal(simulator: Simulator) -> Array:
-    """The start (d,) of a simulator's parameters."""
-    return np.array([(p.low + p.high) / 2 if p.start is None else p.start for p in simulator.parameters])
+        model, every, data, seed=seed, start=model.theta(start), beside=generic, plan=False,
+        progress=say.progress,
+    )  # fmt: skip
 
 
 def rougher(data: Targets, scatter: float) -> Targets:

@@ -131,7 +131,7 @@ class ForeignModel(Model):
     def _answer(self, values: Theta, test: Test) -> Array:
         """Displacements (s, p, 3) mm of the simulator, 0 of fixed markers."""
         own = {p.name: values[p.name] for p in self.simulator.parameters}
-        own |= {v.parameter.name: float(v.parameter.null or 0.0) for v in self.simulator.variants}
+        own |= self.simulator.absent
         own |= {e.key: values[e.parameters[0].name] for e in self.effects if isinstance(e, VariantEffect)}
         u = self.simulator.at(own, _pressure(test), self.stated, len(self.test.points))
         return np.where(self.test.moving[:, None], u, 0.0)

@@ -64,6 +64,11 @@ class Simulator:
     def __post_init__(self) -> None:
         bounds((*self.parameters, *(v.parameter for v in self.variants)))  # raises for names used twice
 
+    @property
+    def absent(self) -> dict[str, float]:
+        """The values at which its variants are absent."""
+        return {v.parameter.name: float(v.parameter.null or 0.0) for v in self.variants}
+
     @cached_property
     def takes_pressure(self) -> bool:
         """Whether the callable takes pressures as its second argument. ValueError where it takes neither one
@@ -140,6 +145,11 @@ def checked(answer: Any, wanted: tuple[int, ...], values: Values, who: str) -> A
         step = int(np.argwhere(~np.isfinite(u))[0, 0])
         raise Unsolvable(f"{who} gave {u[~np.isfinite(u)][0]} at step {step}, at {in_words(values)}")
     return u
+
+
+def nominal(parameters: Sequence[Parameter]) -> dict[str, float]:
+    """The start of each parameter, or the middle of its bounds."""
+    return {p.name: (p.low + p.high) / 2 if p.start is None else p.start for p in parameters}
 
 
 def in_words(values: Values) -> str:

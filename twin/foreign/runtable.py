@@ -8,7 +8,7 @@ import numpy as np
 
 from calibrate import Parameter
 from calibrate.parameters import bounds
-from twin.foreign.programs import Simulator, Values, Variant, in_words
+from twin.foreign.programs import Simulator, Values, Variant, in_words, nominal
 from twin.targets import Array
 
 if TYPE_CHECKING:
@@ -34,9 +34,8 @@ def design(parameters: Sequence[Parameter], count: int, *, seed: int = 0) -> lis
     low, high = bounds(tuple(parameters))
     points = qmc.Sobol(len(low), seed=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))[: count - 1]
     points = (points - points.min(axis=0)) / np.maximum(np.ptp(points, axis=0), 1e-12)  # up to the bounds
-    nominal = [(p.low + p.high) / 2 if p.start is None else p.start for p in parameters]
-    rows = np.concatenate([[nominal], low + points * (high - low)])
-    return [{p.name: float(x) for p, x in zip(parameters, row, strict=True)} for row in rows]
+    names, rows = [p.name for p in parameters], low + points * (high - low)
+    return [nominal(parameters), *(dict(zip(names, row, strict=True)) for row in rows.tolist())]
 
 
 def of_runs(
@@ -68,7 +67,7 @@ def of_runs(
     missed = [flat[k] - _between(x[n != k], flat[n != k])(x[k : k + 1])[0] for k in n]
     error = float(np.sqrt(np.mean(np.square(missed), axis=1)).max())
     predict = partial(_answer, every, _between(x, flat), u.shape[1:], (x.min(axis=0), x.max(axis=0)))
-    return Simulator(lambda values: predict(values), tuple(parameters), tuple(variants), error_mm=error)
+    return Simulator(predict, tuple(parameters), tuple(variants), error_mm=error)
 
 
 def _scaled(every: Sequence[Parameter], run: Values) -> list[float]:

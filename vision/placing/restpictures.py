@@ -53,7 +53,7 @@ def picture_at_rest(
     stated: Stated,
     edge_mm: float,
 ) -> RestPicture:
-    """The mean picture of a film's rest, with its frame marks by their corners.   edge_mm: as of that.
+    """The mean picture of a film's rest, with its frame marks by their corners; edge_mm as of `RestPicture`.
 
     Raises ValueError where too few of them are seen.
     """
@@ -72,8 +72,10 @@ def picture_at_rest(
             f"wanted {MIN_VISIBLE} or more"
         )
     kept = [marks[p] for p, found in zip(frame, there, strict=True) if found]
-    return RestPicture(np.mean(pictures, axis=0), camera, kept, ideal[there], stated.frame_mm, stated.scale,
-                stated.height_mm, edge_mm)  # fmt: skip
+    return RestPicture(
+        np.mean(pictures, axis=0), camera, kept, ideal[there], stated.frame_mm, stated.scale,
+        stated.height_mm, edge_mm,
+    )  # fmt: skip
 
 
 class RestSight:

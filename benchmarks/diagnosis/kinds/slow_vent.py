@@ -16,7 +16,9 @@ def slow_vent(test: Test, size: float) -> Test:
         dt = time[n] - time[n - 1]
         tau = max(size * (1.0 if wanted[n] < p[n - 1] else 0.2), 1e-6)
         behind = tau * (wanted[n] - wanted[n - 1]) / dt  # where the line ends up behind a steady ramp
-        p[n] = wanted[n] - behind + (p[n - 1] - wanted[n - 1] + behind) * np.exp(-dt / tau)
+        apart = p[n - 1] - wanted[n - 1] + behind
+        apart = apart if abs(apart) > 1e-150 else 0.0  # of long ago; its decay would underflow
+        p[n] = wanted[n] - behind + apart * np.exp(-dt / tau)
     return replace(test, path=replace(path, pressure=p))
 
 
