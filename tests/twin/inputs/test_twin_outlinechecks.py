@@ -28,22 +28,26 @@ def test_moments_are_spread_over_the_path_of_the_pressure(targets: Targets) -> N
 
 
 class Beside:
-    """An outline beside which nothing moves beyond the model, known to 0.02 mm."""
+    """An outline beside which the body moves by so much (2,) mm beyond the model, known to 0.02 mm."""
 
     off = np.array([0.1, -0.1, np.nan])
     sd = np.array([0.05, 0.05, 0.05])
     body = np.zeros((3, 3))
     pixel = np.zeros((3, 2))
 
+    def __init__(self, motion: Array) -> None:
+        self.motion = motion
+
     def beside(self, rest: Array, place: Array) -> tuple[Array, Array, Array]:
-        return np.zeros(2), 4e-4 * np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])  # it hangs down
+        return self.motion, 4e-4 * np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])  # it hangs down
 
 
-def told(targets: Targets, slip: Array) -> str:
-    """What is said of the first marker, which has moved by slips (s, 3) mm more than is foretold."""
+def told(targets: Targets, slip: Array, *, along: float = 0.0) -> str:
+    """What is said of the first marker, which has moved by slips (s, 3) mm more than is foretold, and the body
+    beside it by `along` mm along the finger."""
     foretold, seen = targets.value - slip[:, None], np.zeros((len(targets.points), 3))
     marker = _Marker(targets, foretold, seen, 0, BodyPose())
-    return marker.sentence(cast(Any, [Beside()] * len(SHOWN)), SHOWN)
+    return marker.sentence(cast(Any, [Beside(np.array([along, 0.0]))] * len(SHOWN)), SHOWN)
 
 
 def test_a_slipping_tag_is_named_by_place_and_pressure(targets: Targets) -> None:
@@ -57,9 +61,16 @@ def test_a_slipping_tag_is_named_by_place_and_pressure(targets: Targets) -> None
     assert told(targets, slip) == ""  # a single moment
 
 
+def test_a_tag_that_moves_as_the_body_is_not_named(targets: Targets) -> None:
+    slip = np.zeros((STEPS, 3))
+    slip[:, 2] = -0.8  # along the finger, which hangs down
+    assert told(targets, slip, along=0.8) == ""
+    assert "by 0.80" in told(targets, 0 * slip, along=0.8)
+
+
 def check(**changes: Any) -> OutlineCheck:
     values = {"time": np.array([1.0, 2.0]), "pressure": np.array([0.0, 0.06]), "apart": {}, "markers": 4,
-              "outlines": cast(Any, (Beside(), Beside())), "picture": np.zeros((20, 20))} | changes  # fmt: skip
+              "outlines": cast(Any, (Beside(np.zeros(2)), Beside(np.zeros(2)))), "picture": np.zeros((20, 20))} | changes  # fmt: skip
     return OutlineCheck(**values)
 
 
