@@ -52,11 +52,6 @@ class Gram:
         """Of a residual and columns, both apart from what was fitted."""
         return Gram(columns.T @ columns, columns.T @ z, float(z @ z))
 
-    def only(self, rows: Array | list[int]) -> "Gram":
-        """Of some of the columns."""
-        rows = np.asarray(rows, int)
-        return Gram(self.S[np.ix_(rows, rows)], self.b[rows], self.zz)
-
     def attained(self, low: Array, high: Array) -> tuple[Array, float]:
         """The amplitudes (k,) between low and high that lower chi2 most, and by how much they do; none where
         a signature is not finite, as at a limit point.

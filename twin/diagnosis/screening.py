@@ -7,7 +7,7 @@ Holm over effects. Several effects together are weighed by the Gram matrix of th
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,8 @@ from scipy.special import chdtrc
 from calibrate import holm, sidak
 from twin.diagnosis.evidence import Gram, log_bayes
 from twin.diagnosis.hypotheses import Hypothesis
-from twin.diagnosis.signatures import Signature, Signatures, null
-from twin.effects.protocol import Effect, Theta
+from twin.diagnosis.signatures import Signature, Signatures, null, signatures_of
+from twin.effects.protocol import Effect, Test, Theta
 from twin.judging.comparison import ADEQUATE, lack_of_fit, smooth_functions
 from twin.judging.judged import Judged
 from twin.targets import Array, Targets
@@ -90,9 +90,19 @@ def paired(judged: Judged, signatures: Signatures) -> list[Hypothesis]:
     means = ((_mean([e for e, _ in entries]), max(entries)[1]) for entries in by_names.values())
     out = []
     for hint, (i, j) in sorted(means, reverse=True)[:TRIED]:
-        gram = every.only(np.concatenate([spans[i], spans[j]]))
-        out.append(replace(_together(judged, (rows[i], rows[j]), gram), hint=hint))
+        near = [_together(judged, pair) for pair in _about(judged, (rows[i], rows[j]))]
+        out.append(replace(max(near, key=lambda h: h.gain), hint=hint))
     return out
+
+
+def _about(judged: Judged, pair: Sequence[Signature]) -> Iterable[Sequence[Signature]]:
+    """Signatures of several effects, and the same at the entries of the finer grids about them."""
+    grids = []
+    for r in pair:
+        finer = r.effect.closer(r.entry, judged.model.test)
+        near = signatures_of(judged, [finer])[finer.label] if finer is not None else ()
+        grids.append([r, *(row for row in near if not row.note)])
+    return product(*grids)
 
 
 def _hints(
@@ -111,8 +121,9 @@ def _hints(
         yield from zip(map(float, evidences), pairs, strict=True)
 
 
-def _together(judged: Judged, rows: Sequence[Signature], gram: Gram) -> Hypothesis:
+def _together(judged: Judged, rows: Sequence[Signature]) -> Hypothesis:
     """Signatures of several effects as one hypothesis, begun at the amplitudes that gain most together."""
+    gram = Gram.of(judged.z, np.concatenate([r.columns for r in rows], axis=1))
     low, high = (np.concatenate([getattr(r, side) for r in rows]) for side in ("low", "high"))
     amplitudes, gain = gram.attained(low, high)
     ends = np.cumsum([len(r.parameters) for r in rows])[:-1]
@@ -124,14 +135,13 @@ def _together(judged: Judged, rows: Sequence[Signature], gram: Gram) -> Hypothes
     )
 
 
-def added(judged: Judged, effects: tuple[Effect, ...], signatures: Signatures) -> list[Hypothesis]:
-    """Effects that a judged model has, and each other one beside them, those with most evidence first; hint:
-    2 ln B of the one that is added."""
-    rows = [h for h in screened(judged, signatures) if not h.note and h.gain > 0]
+def added(rows: Iterable[Hypothesis], effects: tuple[Effect, ...], test: Test) -> list[Hypothesis]:
+    """Effects that a judged model has, and beside them each other one of hypotheses on that, those with most
+    evidence first; hint: 2 ln B of the one that is added."""
     out = [
-        replace(h, effects=(*effects, h.effect.at(h.start, judged.model.test)))
+        replace(h, effects=(*effects, h.effect.at(h.start, test)))
         for h in rows
-        if h.effect.name not in [e.name for e in effects]
+        if not h.note and h.gain > 0 and h.effect.name not in [e.name for e in effects]
     ]
     return sorted(out, key=lambda h: -h.hint)
 

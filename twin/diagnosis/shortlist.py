@@ -143,21 +143,25 @@ class Task:
         return [e for e in self.laws(wide=False) if e.label in self.known]
 
     def _several(self, base: Judged, refits: "Refits") -> list[Hypothesis]:
-        """Pairs of effects that beat every single one, to first order at the base fit or at the best refit,
-        whichever promises more."""
-        single = refits.best
+        """Pairs of effects that beat every single one: to first order at the base fit what those promised
+        there, or at the best refit of an effect its evidence."""
+        single, view = refits.best, refits.view
+        if single is not None and single.kind:
+            single = ranked([h for h in refits.done if not h.kind])[0]
+            view = self._view(base, single) if single.refit is not None else None
         if single is None or single.evidence is None:
             return []
-        pairs = {frozenset(h.names): h for h in paired(base, self.signatures(base, self._narrow()))}
-        if refits.view is not None and not single.kind:
-            signatures = self.signatures(base, self._narrow(), beside=refits.view)
-            partners = sorted(added(refits.view, single.effects, signatures), key=lambda h: -h.hint)
-            for k, h in enumerate(partners):
+        least = min(single.evidence, single.hint) + PAIRED
+        first = paired(base, self.signatures(base, self._narrow()))
+        pairs = {frozenset(h.names): h for h in first if h.hint > least}
+        if view is not None:
+            signatures = self.signatures(base, self._narrow(), beside=view)
+            for k, h in enumerate(self._added(base, view, single.effects)):
                 pairs.pop(frozenset(h.names), None)  # begun from a refit it is nearer
                 promising = k == 0 and not single.adequate
-                if promising or not self._in_vain(h, single.evidence, refits.view, signatures):
+                if h.hint > PAIRED and (promising or not self._in_vain(h, single.evidence, view, signatures)):
                     pairs[frozenset(h.names)] = replace(h, hint=h.hint + single.evidence)
-        return [h for h in pairs.values() if h.hint > single.evidence + PAIRED]
+        return list(pairs.values())
 
     def _in_vain(self, h: Hypothesis, evidence: float, view: Judged, signatures: Signatures) -> bool:
         """Whether an effect beside the best single one, of this evidence and view, would not be named: it
@@ -180,7 +184,7 @@ class Task:
             alone = alone or refits.refit(Hypothesis(effects=(member,), hint=top.hint, start=top.start))
             if alone.evidence is not None:
                 view = self._view(base, alone)
-                rows = added(view, (member,), self.signatures(base, self._narrow(), beside=view))
+                rows = self._added(base, view, (member,))
                 out += [replace(h, hint=h.hint + alone.evidence) for h in rows]
         return [h for h in out if frozenset(h.names) not in done]
 
@@ -191,8 +195,22 @@ class Task:
             return []
         top = pairs[0]
         view = self._view(base, top)
-        rows = added(view, top.effects, self.signatures(base, self._narrow(), beside=view))
+        rows = self._added(base, view, top.effects)
         return [replace(h, hint=h.hint + (top.evidence or 0.0)) for h in rows[:1]]
+
+    def _added(self, base: Judged, view: Judged, effects: tuple[Effect, ...]) -> list[Hypothesis]:
+        """Effects of a judged model, and each other one beside them, where it shows most; the best first."""
+        rows = screened(view, self.signatures(base, self._narrow(), beside=view))
+        return added([self.closest(base, h, beside=view) for h in rows], effects, base.model.test)
+
+    def closest(self, base: Judged, h: Hypothesis, *, beside: Judged) -> Hypothesis:
+        """A hypothesis on one effect beside a judged model, at the best entry of the finest grid."""
+        finer = h.effect.closer(h.start, base.model.test) if h.gain > 0 and not h.note else None
+        if finer is None:
+            return h
+        tangents = base.model.tangents(base.theta, [finer])
+        (best,) = screened(beside, signatures_of(beside, [finer], tangents=tangents))
+        return replace(h, start=best.start, gain=best.gain) if best.gain > h.gain else h
 
     def _view(self, base: Judged, h: Hypothesis) -> Judged:
         """The judged model of a refit, by the solves that its model has kept."""
@@ -307,12 +325,8 @@ class Refits:
         shows most."""
         if len(h.effects) > 1:
             return h
-        test = self.base.model.test
-        finer = h.effect.closer(h.start, test)
-        if finer is not None:
-            (best,) = screened(self.base, signatures_of(self.base, [finer]))
-            h = replace(h, start=best.start, gain=best.gain) if best.gain > h.gain else h
-        return replace(h, effects=(h.effect.at(h.start, test),))
+        h = self.task.closest(self.base, h, beside=self.base)
+        return replace(h, effects=(h.effect.at(h.start, self.base.model.test),))
 
 
 def _better(a: Hypothesis, b: Hypothesis) -> bool:

@@ -1,17 +1,21 @@
 """What is refitted: who may be the best to first order, until no other can come within reach."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from calibrate import Parameter
 from tests.twin.diagnosis.toy import Toy, _wide, smooth_field, targets, toy_effect
 from twin.diagnosis import shortlist
 from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
 from twin.diagnosis.refitting import refitted
+from twin.diagnosis.screening import paired
 from twin.diagnosis.shortlist import Refits, Task, _better, rivals
+from twin.effects.protocol import Effect
 from twin.targets import Array
 
 BASE, FIELDS = smooth_field(1), {name: smooth_field(10 + k) for k, name in enumerate(("alpha", "beta", "gamma"))}
@@ -130,6 +134,81 @@ def test_of_pairs_that_would_not_be_named_the_best_alone_is_refitted() -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gamma, "at", lambda self, entry, test: held if self.label == "gamma" else self, raising=False)
         assert pairs_refitted(0.1 * other[0], {"gamma": half, "beta": best}) == ["alpha + beta"]
+
+
+def test_a_pair_is_tried_that_promises_more_than_the_best_single_one_did() -> None:
+    """The best may have turned out better than it promised, or be a stand-in: then the best effect has partners."""
+    t = targets(1.3 * BASE[0] + 0.3 * FIELDS["alpha"][0] + 0.3 * FIELDS["beta"][0], seed=0)
+    task = Task(Toy({"base": BASE, **FIELDS}), EFFECTS, (), t, 0, lambda *a: None)  # type: ignore[arg-type]
+    base = task.base(np.array([1.0]))
+    task.signatures(base, EFFECTS)
+    better = replace(scored("gamma", 1e9), hint=10.0)
+    assert ("alpha", "beta") in [h.names for h in task._several(base, Refits(task, base, best=better))]
+    refits = Refits(task, base)
+    alpha = refits.refit(Hypothesis(effects=EFFECTS[:1], start={"base.C": 1.3, "alpha.a0": 0.3}))
+    stand_in = Hypothesis(effects=(toy_effect("push", kind="outside force"),), hint=1e9, score=better.score)
+    refits.best = stand_in
+    pairs = {h.names: h.hint for h in task._several(base, refits)}
+    assert alpha.evidence is not None
+    assert pairs["alpha", "beta"] > alpha.evidence + shortlist.PAIRED
+
+
+class Late(Effect):
+    """Something that is there from a time on, looked for every 8 s, then every second."""
+
+    name, sentence = "late", "late is there"
+
+    def __init__(self, times: tuple[float, ...] = (0.0, 8.0, 16.0, 24.0), *, held: bool = False) -> None:
+        self.times, self.held = times, held
+        amplitude = toy_effect("late").parameters
+        self.parameters = amplitude if held else (*amplitude, Parameter("late.time", 0.0, 30.0, "s", typical=1.0))
+
+    @property
+    def label(self) -> str:
+        return f"late:{self.times[0]:g}s" if self.held else "late"
+
+    def tries(self, test: object) -> tuple[dict[str, float], ...]:
+        return ({},) if self.held else tuple({"late.time": t} for t in self.times)
+
+    def at(self, entry: Mapping[str, float], test: object) -> Effect:
+        return self if self.held else Late((entry["late.time"],), held=True)
+
+    def closer(self, entry: Mapping[str, float], test: object) -> Effect | None:
+        return None if self.held else Late(tuple(entry["late.time"] + np.arange(-7.0, 8.0)))
+
+
+@dataclass(frozen=True)
+class Timed(Toy):
+    """A toy that has `late`."""
+
+    def jacobian(self, theta: Array) -> Array:
+        del theta
+        own = [self.from_on(e.times[0]) if isinstance(e, Late) else self.fields[e.name] for e in self.effects]
+        return np.concatenate([self.fields["base"], *own])
+
+    def tangents(self, theta: Array, effects: Sequence[Effect]) -> dict[str, list[Array]]:
+        found = super().tangents(theta, [e for e in effects if not isinstance(e, Late)])
+        return found | {e.label: [self.from_on(t) for t in e.times] for e in effects if isinstance(e, Late)}
+
+    def from_on(self, time: float) -> Array:
+        there = np.arange(len(BASE[0])) * 0.25 > time
+        out = np.zeros_like(BASE)
+        out[:, there, 1, 0] = 1.0
+        return out
+
+
+@pytest.mark.parametrize(("alpha", "late"), [(0.3, 1.0), (0.3, 0.06), (0.02, 1.0)])
+def test_what_is_looked_for_on_a_grid_is_found_as_closely_beside_another_effect(alpha: float, late: float) -> None:
+    """Whether the pair is proposed to first order, or beside the refit of the one or of the other."""
+    model = Timed({"base": BASE, **FIELDS, "late": BASE})
+    t = targets(1.3 * BASE[0] + alpha * FIELDS["alpha"][0] + late * model.from_on(12.3)[0], seed=0)
+    task = Task(model, (*EFFECTS, Late()), (), t, 0, lambda *a: None)  # type: ignore[arg-type]
+    base = task.base(np.array([1.0]))
+    pair = paired(base, task.signatures(base, (*EFFECTS, Late())))[0]
+    assert {e.label for e in pair.effects} == {"alpha", "late:12s"}
+    rows = task.searched(base)
+    best = max((h for h in rows if h.evidence is not None), key=lambda h: h.evidence or 0.0)
+    assert {e.label for e in best.effects} == {"alpha", "late:12s"}
 
 
 def test_of_two_laws_of_one_effect_the_one_that_fits_leads_on() -> None:
