@@ -17,6 +17,7 @@ from twin.effects.standin import Span, StandIn
 from twin.effects.standinpressure import NARROW, stop
 from twin.targets import Array
 
+FADED = 1.0  # s, in which the force of friction that fades falls to 1 / e at rest (judgement)
 FOLDED = 0.5  # of the top pressure is where a fold begins
 
 
@@ -154,8 +155,8 @@ class Coming(StandIn):
         """The test's case with it at full."""
 
     @abstractmethod
-    def course(self, share: Array) -> Array:
-        """Strength (t,) along pressures (t,) over the top one: 1 is all of it."""
+    def course(self, share: Array, time: Array) -> Array:
+        """Strength (t,) along pressures (t,) over the top one at times (t,) s: 1 is all of it."""
 
     def before(self, test: Test, theta: Theta) -> Test:
         plus = self.changed(test, theta)
@@ -165,30 +166,32 @@ class Coming(StandIn):
 
     def at_output(self, path: Path) -> Array:
         """The `course` (s,) at the outputs of a path."""
-        return np.interp(path.output, path.time, self.course(path.pressure / self.span.top))
+        return np.interp(path.output, path.time, self.course(path.pressure / self.span.top, path.time))
 
 
 class Friction(Coming):
-    """Friction on the finger at a place: a force that reverses when the pressure turns back."""
+    """Friction on the finger at a place: a force that reverses when the pressure turns back; one that fades
+    as rubber creeps in its grip is gone soon after the finger rests."""
 
     kind, sentence = "friction", "the finger rubs on something"
 
-    def __init__(self, place: float, span: Span) -> None:
-        self.place, self.span = place, span
-        name = f"friction_at_{100 * place:.0f}"
+    def __init__(self, place: float, span: Span, *, fading: bool = False) -> None:
+        self.place, self.span, self.fading = place, span, fading
+        name = f"{'fading_' * fading}friction_at_{100 * place:.0f}"
         super().__init__(name, ("along", "up"), "N", most=2.0, step=0.02, likely=0.2)
 
     def changed(self, test: Test, theta: Theta) -> Case:
         force = np.array([self.of(theta, "along"), 0.0, self.of(theta, "up")])
         return pulled(test, {self.place: force}, {}, self.name).case
 
-    def course(self, share: Array) -> Array:
-        return stop(share, NARROW)
+    def course(self, share: Array, time: Array) -> Array:
+        return stop(share, NARROW, np.exp(-np.diff(time) / FADED) if self.fading else None)
 
     def resembles(self, theta: Theta) -> str:
         force = np.array([self.of(theta, "along"), 0.0, self.of(theta, "up")])
         much = f"a friction of {float(np.linalg.norm(force)):.2g} N {where(self.place)}"
-        return f"{much}, pointing {direction(force)} while the pressure rises, and back while it falls"
+        rest = ", fading at rest" * self.fading
+        return f"{much}, pointing {direction(force)} while the pressure rises, and back while it falls{rest}"
 
 
 class Fold(Coming):
@@ -209,7 +212,8 @@ class Fold(Coming):
     def _soft(self, theta: Theta) -> dict[str, float]:
         return {f"{self.spot.name}.{half}": self.of(theta, half) for half in SoftSpot.HALVES}
 
-    def course(self, share: Array) -> Array:
+    def course(self, share: Array, time: Array) -> Array:
+        del time
         return np.maximum(share - FOLDED, 0.0) / (1 - FOLDED)
 
     def resembles(self, theta: Theta) -> str:

@@ -7,40 +7,57 @@ from numpy.polynomial.legendre import legval
 
 from twin.effects.mechanism import Mechanism
 from twin.effects.phrases import direction
-from twin.effects.protocol import Order, Test, Theta
+from twin.effects.protocol import Order, Test, Theta, symmetric
 from twin.effects.standin import Span, StandIn
 from twin.effects.standinpressure import WIDTHS, stop
 from twin.targets import Array
 
 
 class MountingDrift(StandIn):
-    """All markers of the finger move as one with time, as its mounting creeps: polynomials of degree 3."""
+    """All markers of the finger move and turn as one with time, as its mounting creeps: polynomials of degree
+    3, the turn about y and the markers' middle."""
 
     order, kind, sentence = Order.SLIP, "drift", "the finger as a whole moves with time"
     mechanism = Mechanism.LOAD
+    TERMS = (1, 2, 3)
 
     def __init__(self, span: Span) -> None:
         self.span = span
-        names = (f"{axis}{k}" for axis in ("along", "up") for k in (1, 2, 3))
+        names = (f"{axis}{k}" for axis in ("along", "up") for k in self.TERMS)
         super().__init__("drift", names, "mm", most=5.0, step=0.02, likely=0.3)
+        turns = (f"{self.name}.turn{k}" for k in self.TERMS)
+        self.parameters += symmetric(*turns, most=0.1, unit="rad", step=5e-4, likely=0.01)
 
     def course(self, time: Array, theta: Theta) -> Array:
-        """The drift (k, 3) mm at times (k,) s."""
-        x = self.span.across(time)
-        along, up = (legval(x, [0.0, *c]) for c in np.reshape(self.numbers(theta), (2, 3)))
-        return np.stack([along, np.zeros_like(x), up], axis=1)
+        """What moves along and up, in mm, and turns, in rad, (k, 3) at times (k,) s."""
+        terms = np.reshape(self.numbers(theta), (3, len(self.TERMS)))
+        return np.stack([legval(self.span.across(time), [0.0, *c]) for c in terms], axis=1)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
-        moved = self.course(test.path.output, theta)
-        return u + moved[:, None] * test.moving[:, None]
+        along, up, angle = self.course(test.path.output, theta).T[:, :, None]
+        middle = test.points[np.asarray(test.moving, bool)].mean(axis=0)
+        moved = turned(test.points + u - middle, angle) + np.stack([along, 0 * along, up], axis=-1)
+        return u + moved * test.moving[:, None]
 
     def resembles(self, theta: Theta) -> str:
         time = np.linspace(self.span.begin, self.span.end, 41)
         course = self.course(time, theta)
         course = course - course[0]
-        k = int(np.linalg.norm(course, axis=1).argmax())
-        size = float(np.linalg.norm(course[k]))
-        return f"the whole finger moving by {size:.2g} mm {direction(course[k])} until {time[k]:.3g} s"
+        moved = np.stack([course[:, 0], 0 * time, course[:, 1]], axis=1)
+        k, j = int(np.linalg.norm(moved, axis=1).argmax()), int(np.abs(course[:, 2]).argmax())
+        size, angle = float(np.linalg.norm(moved[k])), float(course[j, 2])
+        parts = [f"moving by {size:.2g} mm {direction(moved[k])} until {time[k]:.3g} s"] * (size > 0)
+        ways = "downwards" if angle > 0 else "upwards"
+        parts += [f"turning by {abs(angle):.2g} rad {ways} until {time[j]:.3g} s"] * (angle != 0)
+        return f"the whole finger {' and '.join(parts)}"
+
+
+def turned(arm: Array, angle: Array) -> Array:
+    """What points at arms (.., 3) mm from an axis along y move (.., 3) mm as they turn about it by angles
+    (..) rad, from z to x."""
+    c, s = np.cos(angle) - 1, np.sin(angle)
+    along, up = c * arm[..., 0] + s * arm[..., 2], c * arm[..., 2] - s * arm[..., 0]
+    return np.stack([along, np.zeros_like(up), up], axis=-1)
 
 
 class ClampPlay(StandIn):
@@ -66,10 +83,7 @@ class ClampPlay(StandIn):
         low, high = case.nodes.min(axis=0), case.nodes.max(axis=0)
         x, z = case.clamp.centre if case.clamp else (low[0], (low[2] + high[2]) / 2)
         turn = np.interp(path.output, path.time, self.turn(path.pressure / self.span.top, theta))[:, None]
-        arm = test.points + u - [x, 0.0, z]
-        along = (np.cos(turn) - 1) * arm[..., 0] + np.sin(turn) * arm[..., 2]
-        up = (np.cos(turn) - 1) * arm[..., 2] - np.sin(turn) * arm[..., 0]
-        return u + np.stack([along, np.zeros_like(up), up], axis=-1) * test.moving[:, None]
+        return u + turned(test.points + u - [x, 0.0, z], turn) * test.moving[:, None]
 
     def resembles(self, theta: Theta) -> str:
         turn = self.turn(np.concatenate([np.linspace(0, 1, 41), np.linspace(1, 0, 41)]), theta)

@@ -16,16 +16,17 @@ WIDTHS = (0.05, 0.15, 0.4)  # of the top pressure: how far it must turn back unt
 NARROW = 0.1  # where there is one of them alone
 
 
-def stop(share: Array, half: float) -> Array:
+def stop(share: Array, half: float, kept: Array | None = None) -> Array:
     """The stop operator (t,) of pressures (t,) over the top one, over its half width: as it goes on from 0,
-    held between -1 and 1 (Krasnoselskii & Pokrovskii 1989, doi 10.1007/978-3-642-61302-9).
+    held between -1 and 1 (Krasnoselskii & Pokrovskii 1989, doi 10.1007/978-3-642-61302-9). kept (t - 1,): the
+    share that is kept of it from each to the next, by default all.
 
     >>> stop(np.array([0.0, 0.1, 0.4, 0.3, 0.0]), 0.2)
     array([ 0. ,  0.5,  1. ,  0.5, -1. ])
     """
     out, x = [0.0], (share / half).tolist()
-    for before, now in pairwise(x):
-        out.append(min(max(out[-1] + now - before, -1.0), 1.0))
+    for (before, now), left in zip(pairwise(x), np.ones(len(x) - 1) if kept is None else kept, strict=True):
+        out.append(min(max(left * out[-1] + now - before, -1.0), 1.0))
     return np.array(out)
 
 

@@ -17,7 +17,7 @@ MARKERS, TIMES = 8, 2  # slips: of so many markers at so many times
 
 
 def stand_ins(test: Test) -> tuple[StandIn, ...]:
-    """All stand-ins for a test, about 110 amplitudes at most; those aside and the twists need all of the
+    """All stand-ins for a test, about 120 amplitudes at most; those aside and the twists need all of the
     finger."""
     span, ways = Span.of(test), ("along", "up")
     rows = np.flatnonzero(test.moving)
@@ -28,7 +28,7 @@ def stand_ins(test: Test) -> tuple[StandIn, ...]:
         *(OutsideForce(place, ways) for place in FORCES),
         *(OutsideForce(place, ways, growing=True) for place in GROWING),
         *(OutsideForce(place, ("aside",)) for place in ASIDE),
-        *(Friction(place, span) for place in RUBBING),
+        *(Friction(place, span, fading=fading) for fading in (False, True) for place in RUBBING),
         Twist(),
         Twist(growing=True),
         *(SoftSpot(place) for place in SPOTS),

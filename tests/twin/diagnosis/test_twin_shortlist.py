@@ -158,23 +158,23 @@ class Late(Effect):
 
     name, sentence = "late", "late is there"
 
-    def __init__(self, times: tuple[float, ...] = (0.0, 8.0, 16.0, 24.0), *, held: bool = False) -> None:
-        self.times, self.held = times, held
+    def __init__(self, times: tuple[float, ...] = (0.0, 8.0, 16.0, 24.0), *, fixed: bool = False) -> None:
+        self.times, self.fixed = times, fixed
         amplitude = toy_effect("late").parameters
-        self.parameters = amplitude if held else (*amplitude, Parameter("late.time", 0.0, 30.0, "s", typical=1.0))
+        self.parameters = amplitude if fixed else (*amplitude, Parameter("late.time", 0.0, 30.0, "s", typical=1.0))
 
     @property
     def label(self) -> str:
-        return f"late:{self.times[0]:g}s" if self.held else "late"
+        return f"late:{self.times[0]:g}s" if self.fixed else "late"
 
     def tries(self, test: object) -> tuple[dict[str, float], ...]:
-        return ({},) if self.held else tuple({"late.time": t} for t in self.times)
+        return ({},) if self.fixed else tuple({"late.time": t} for t in self.times)
 
     def at(self, entry: Mapping[str, float], test: object) -> Effect:
-        return self if self.held else Late((entry["late.time"],), held=True)
+        return self if self.fixed else Late((entry["late.time"],), fixed=True)
 
     def closer(self, entry: Mapping[str, float], test: object) -> Effect | None:
-        return None if self.held else Late(tuple(entry["late.time"] + np.arange(-7.0, 8.0)))
+        return None if self.fixed else Late(tuple(entry["late.time"] + np.arange(-7.0, 8.0)))
 
 
 @dataclass(frozen=True)

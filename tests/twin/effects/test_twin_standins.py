@@ -30,7 +30,7 @@ def test_stand_ins_are_of_all_kinds_with_names_of_their_own_and_not_too_many() -
     assert {s.kind for s in ALL} == set(KINDS)
     assert len({s.name for s in ALL}) == len(ALL)
     assert not {s.name for s in ALL} & {e.name for e in all_effects()}
-    for markers, low, high in ((5, 80, 95), (40, 90, 110)):
+    for markers, low, high in ((5, 85, 100), (40, 95, 120)):
         found = stand_ins(with_markers(markers))
         assert low <= sum(len(s.amplitudes) for s in found) <= high
         assert all(s.parameters == s.amplitudes and p.plausible for s in found for p in s.parameters)
@@ -65,6 +65,10 @@ def test_stand_ins_say_size_place_and_direction() -> None:
     assert said("pressure_by_pressure", c0=-0.05) == "a pressure 2 kPa lower than recorded at 0 kPa"
     assert said("pressure_by_time", c1=-0.02) == "a pressure falling by 4 % against the recorded one, from 0 s to 4 s"
     assert said("drift", up1=-0.1) == "the whole finger moving by 0.2 mm down until 4 s"
+    assert said("drift", turn1=-0.01) == "the whole finger turning by 0.02 rad upwards until 4 s"
+    assert said("drift", along1=0.1, turn1=0.01) == (
+        "the whole finger moving by 0.2 mm towards the tip until 4 s and turning by 0.02 rad downwards until 4 s"
+    )
     assert said("picture", xx=0.012, zz=0.002) == "a picture stretched along the finger by 1.2 %"
     assert said("slip_of_p1", up1=0.05) == "marker p1 slipping by 0.05 mm at 2.25 s"
     assert said("force_aside_at_100", aside=-0.3) == "0.3 N near the tip, pointing to -y"
@@ -72,6 +76,7 @@ def test_stand_ins_say_size_place_and_direction() -> None:
     assert said("friction_at_60", up=0.1) == (
         "a friction of 0.1 N at 0.6 of the length from the clamp, pointing up while the pressure rises, and back while it falls"
     )
+    assert said("fading_friction_at_60", up=0.1).endswith("while the pressure rises, and back while it falls, fading at rest")
     assert said("fold_at_20", lower=0.3) == (
         "a fold: silicone 30 % softer in the lower half at 0.2 of the length from the clamp, growing from 20 kPa to 40 kPa"
     )
@@ -110,6 +115,27 @@ def test_a_stop_follows_until_it_is_held_and_turns_back_at_once() -> None:
     np.testing.assert_allclose(stop(there, 0.1), [0.0, 0.5, 1.0, 1.0, 1.0, 0.5, -1.0, -1.0, 0.0], atol=1e-12)
     denser = np.interp(np.arange(0, 8.01, 0.25), np.arange(9), there)
     np.testing.assert_allclose(stop(denser, 0.1)[::4], stop(there, 0.1), atol=1e-12)
+
+
+def test_friction_that_fades_is_gone_soon_after_the_finger_rests() -> None:
+    time = np.linspace(0.0, 12.0, 1201)
+    share = np.interp(time, [0.0, 4.0, 8.0, 12.0], [0.0, 1.0, 1.0, 0.0])
+    stays, fades = (Friction(0.6, Span(0.0, 12.0, 0.04), fading=f).course(share, time) for f in (False, True))
+    np.testing.assert_array_equal(stays[[400, 800, 1200]], [1.0, 1.0, -1.0])
+    np.testing.assert_allclose(fades[[400, 500, 600, 1200]], [1.0, np.exp(-1), np.exp(-2), -1.0], atol=0.01)
+
+
+def test_a_mounting_that_yields_turns_the_finger_as_a_whole_with_time() -> None:
+    test = small_test()
+    (drift,) = (s for s in ALL if s.name == "drift")
+    u = np.zeros((len(test.path.output), len(test.points), 3))
+    moved = drift.after(u, test, dict.fromkeys([p.name for p in drift.parameters], 0.0) | {"drift.turn1": 0.1})
+    at = test.points[test.moving] + moved[:, test.moving]
+    between = np.linalg.norm(at[:, :, None] - at[:, None], axis=-1)
+    np.testing.assert_allclose(between, between[:1].repeat(len(at), 0), atol=1e-12)  # as a rigid body
+    angle = np.arctan2(*(at[:, 1] - at[:, 0])[:, [2, 0]].T)
+    np.testing.assert_allclose(angle[0] - angle, 0.1 * (Span.of(test).across(test.path.output) + 1), atol=1e-12)
+    assert not moved[:, ~test.moving].any()
 
 
 def test_a_pressure_by_its_way_changes_the_path_alone() -> None:
