@@ -1,22 +1,31 @@
 """Programs that are not ours, diagnosed from outside: is the mechanism right, the hidden effect in the set?
+And the calibrated finger given back to other simulators: does its tip follow?
 
-    python benchmarks/foreign.py [--quick] [--json]     some minutes
+    python benchmarks/foreign.py [--quick] [--json] [--only models targets --project FOLDER]   some minutes
 
-Two programs: `arcs`, a rod of constant curvature, and `rod`, an elastic line that stretches, bends and
-weighs. Data come from the same physics in finer steps, with an effect that is hidden by code of its own (lag
-and creep step by step, the picture through a pinhole) and noise. `taper`, a stiffness that falls along the
-body, is hidden twice: where the program can have it by a parameter, and where it cannot.
+models: two programs, `arcs`, a rod of constant curvature, and `rod`, an elastic line that stretches, bends
+and weighs. Data come from the same physics in finer steps, with an effect that is hidden by code of its own
+(lag and creep step by step, the picture through a pinhole) and noise. `taper`, a stiffness that falls along
+the body, is hidden twice: where the program can have it by a parameter, and where it cannot.
 
-models: by program n, mechanism (share whose first mechanism is that of the hidden effect) and in_set (share
+By program n, mechanism (share whose first mechanism is that of the hidden effect) and in_set (share
 whose nearest names hold it, of those that can be named); sure_wrong: share with a wrong name and a grade
 above `like`. --quick: every fourth trial.
+
+targets: of a project with a fit (--project, by default none: this part is left out), by simulator that is
+installed here: tip_error (largest distance of its tip from ours at five pressures, over the displacement),
+film_error (the same from the film), cover, load_error (of what a force at the tip adds). `pip install mujoco
+pyelastica` for all of them. The project is copied first.
 """
 
 import json
 import os
+import shutil
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../.."))
@@ -27,6 +36,7 @@ import pandas
 from numpy.typing import NDArray
 
 import twin
+from twin.assets.simulators import SIMULATORS
 from twin.diagnosis.grades import Grade
 from twin.effects.mechanism import Mechanism
 
@@ -161,9 +171,8 @@ def trial(model: str, kind: str, size: float, seed: int, *, variant: bool) -> di
     }  # fmt: skip
 
 
-def main() -> None:
-    """Run the trials, print the rates."""
-    typed = options(__doc__, {}, quick="every fourth trial", json="one JSON line")
+def models(quick: bool) -> dict[str, Any]:
+    """Rates of the trials by program."""
     trials = [
         (model, kind, size, variant)
         for model in MODELS
@@ -173,12 +182,42 @@ def main() -> None:
     ]
     rows: list[dict[str, Any]] = []
     for seed, (model, kind, size, variant) in enumerate(trials):
-        if typed.quick and seed % 4:
+        if quick and seed % 4:
             continue
         began = time.process_time()
         rows.append(trial(model, kind, size, seed, variant=variant))
         print(f"{rows[-1]} {time.process_time() - began:.0f} s", file=sys.stderr, flush=True)
-    result = {"models": {model: rates([r for r in rows if r["model"] == model]) for model in MODELS}}
+    return {model: rates([r for r in rows if r["model"] == model]) for model in MODELS}
+
+
+def targets(project: Path) -> dict[str, Any]:
+    """Errors of the simulators that are installed, by name, for a copy of a project with a fit."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copytree(project, copy := Path(folder) / project.name)
+        for name, simulator in SIMULATORS.items():
+            if not simulator.runs:
+                print(f"{name}: {simulator.package} is not installed", file=sys.stderr)
+                continue
+            made = twin.open_project(copy).export(name).summary
+            found[name] = {key: made[key] for key in ("tip_error", "film_error", "cover", "load_error")}
+            print(f"{name}: {found[name]}", file=sys.stderr, flush=True)
+    return found
+
+
+def main() -> None:
+    """Run the parts, print what they give."""
+    every = ("models", "targets")
+    more = {
+        "--only": {"nargs": "+", "choices": every, "default": every, "help": "these parts alone"},
+        "--project": (Path, "project with a fit, for the targets"),
+    }
+    typed = options(__doc__, more, quick="every fourth trial", json="one JSON line")
+    result: dict[str, Any] = {}
+    if "models" in typed.only:
+        result["models"] = models(typed.quick)
+    if "targets" in typed.only and typed.project:
+        result["targets"] = targets(typed.project)
     print(json.dumps(result, indent=None if typed.json else 1))
 
 

@@ -215,9 +215,10 @@ COMMANDS = (
         group=Group.USE, function="twin.commands.explore:run_explore", solves=True, when=When.ASKED,
     ),
     Stage(
-        name="export", title="Write the calibrated finger as a deck, as JSON, or as a table.",
+        name="export", title="Write the calibrated finger as a deck, as a table, or for a simulator.",
         reads=FITTED,
-        writes=("finger.inp", "model.json", "response.csv"),
+        writes=("finger.inp", "model.json", "response.csv", "card.json", "card.md", "finger.xml", "rod.json",
+                "sections.csv", "finger_pyelastica.py"),
         group=Group.USE, function="twin.commands.export:run_export", when=When.ASKED,
     ),
     Stage(

@@ -22,6 +22,7 @@ from pydantic import BaseModel
 
 from calibrate import Parameter
 from fe import Finger, Material, finger_case
+from twin.assets.card import AssetCard
 from twin.chain import STAGES, Stage
 from twin.commands.calibratelaws import LawsRecord
 from twin.commands.confirm import Confirmation
@@ -48,7 +49,8 @@ DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
 RECORDS: tuple[type[Record], ...] = (
     FitRecord, ComparisonRecord, OutlineRecord, DiagnosisRecord, EvidenceRecord, Confirmation, ProfilesRecord,
-    PosteriorRecord, LawsRecord, ParetoRecord, ExploredRecord, PredictionRecord, ModelRecord, Study,
+    PosteriorRecord, LawsRecord, ParetoRecord, ExploredRecord, PredictionRecord, ModelRecord, AssetCard,
+    Study,
 )  # fmt: skip
 COLUMNS = 120
 BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"

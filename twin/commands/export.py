@@ -1,4 +1,4 @@
-"""The command export: the calibrated finger for other programs, as a deck, as JSON, or as a table."""
+"""The command export: the calibrated finger for other programs, as a deck, a table, or for a simulator."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,11 +12,13 @@ from typer import Argument, Option
 from fe.engines.calculix import CalculiX, check, without_hybrid
 from fe.engines.writer import deck
 from twin import files
+from twin.assets.simulators import SIMULATORS
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
 from twin.bench.workbench import Workbench
 from twin.calibrated.positions import asked
 from twin.calibrated.predictions import Prediction, WantedCourse, predicted, pressure_of
+from twin.commands.exportasset import export_asset
 from twin.commands.predict import check_times
 from twin.effects.protocol import Effect, Order, Test
 from twin.gravity import of_targets
@@ -29,6 +31,7 @@ from twin.tablemodel import Finite
 from twin.targets import Array
 
 Form = Literal["abaqus", "calculix", "json", "csv"]
+FORMS = (*get_args(Form), *SIMULATORS)
 LEVELS = 16  # pressures of the table of the response, up to the tested one
 VERSION = 1  # of what is written as JSON
 
@@ -63,7 +66,8 @@ def run_export(
     project: Project,
     say: Say,
     form: Annotated[str, Argument(
-        metavar="FORM", help="abaqus or calculix: a deck; json or csv: a table of the response")],
+        metavar="FORM", help="abaqus or calculix: a deck; json or csv: a table of the response; table, "
+        "mujoco or pyelastica: a rod of sections, with a card that says how well it follows")],
     *,
     pressure: Annotated[str, Option(
         help="of a deck, such as 20kPa; by default the highest of the film")] = "",
@@ -72,10 +76,17 @@ def run_export(
     ramp_s: Annotated[float, Option(help="time in which the pressure is reached, s")] = 2.0,
     hold_s: Annotated[float, Option(help="time for which it is held, s")] = 2.0,
 ) -> dict[str, Any]:
-    """The calibrated finger as a deck under a held pressure, or the table of its response."""
-    if form not in get_args(Form):
-        raise ValueError(f"export {form!r}: wanted one of {', '.join(get_args(Form))}")
+    """The calibrated finger as a deck under a held pressure, the table of its response, or a simulator's."""
+    if form not in FORMS:
+        raise ValueError(f"export {form!r}: wanted one of {', '.join(FORMS)}")
     check_times(ramp_s, hold_s)
+    if form in SIMULATORS:
+        if pressure or at:
+            raise ValueError(
+                f"export {form}: it has all pressures up to the tested one, along the points; wanted "
+                "neither --pressure nor --at"
+            )
+        return export_asset(project, say, form, ramp_s=ramp_s, hold_s=hold_s)
     table = form in ("json", "csv")
     if table and pressure:
         raise ValueError(f"--pressure {pressure}: of a deck; a table has all pressures up to the tested one")
