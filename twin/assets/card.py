@@ -7,8 +7,8 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from twin.assets.sections import Followed
-from twin.assets.simulators import Simulator
+from twin.assets.sections import RodBeside
+from twin.assets.simulators import RodSimulator
 from twin.effects.mechanism import Mechanism
 from twin.effects.protocol import Effect
 from twin.judging.fitrecord import Estimate, FitRecord
@@ -126,7 +126,7 @@ def drawn(record: FitRecord) -> tuple[dict[str, tuple[float, ...]], str]:
 
 
 def carded(
-    simulator: Simulator, followed: Followed, film: FilmTips, tips: Array | None, lifted: Array | None, *,
+    simulator: RodSimulator, followed: RodBeside, film: FilmTips, tips: Array | None, lifted: Array | None, *,
     record: FitRecord, effects: Sequence[Effect], names: Sequence[str],
 ) -> AssetCard:  # fmt: skip
     """The card of a simulator's tips (k, 3) mm at the film's pressures, and of what a force adds (3,) mm;
@@ -165,7 +165,7 @@ def carded(
     )  # fmt: skip
 
 
-def _of_every(followed: Followed) -> list[str]:
+def _of_every(followed: RodBeside) -> list[str]:
     """What no rod expresses."""
     return [
         "the law of the silicone: a rod has it as the bend, the stretch and the stiffness that it gives",
@@ -175,7 +175,7 @@ def _of_every(followed: Followed) -> list[str]:
     ]
 
 
-def _sentence(simulator: Simulator, worst: float, film: float, load: float) -> str:
+def _sentence(simulator: RodSimulator, worst: float, film: float, load: float) -> str:
     if not np.isfinite(worst):
         return (
             f"Not checked: {simulator.package} is not installed. The files were checked with its version "

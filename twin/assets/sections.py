@@ -30,7 +30,7 @@ SHARE = 0.1  # of the length by which the force that tests a rod lifts its tip
 
 
 @dataclass(frozen=True)
-class Followed:
+class RodBeside:
     """A rod, and what the model says at pressures (k,) MPa of the tip, the point `name`: displacements
     (k, 3) mm with sd (k, 3) mm. force: in N up at the tip; lifted (3,) mm: what it adds at the pressure
     `loaded` MPa. dense: whether the density is the project's own."""
@@ -48,7 +48,7 @@ class Followed:
 
 def followed(
     problem: CalibrationProblem, record: FitRecord, checked: Array, say: Say, *, ramp_s: float, hold_s: float
-) -> Followed:
+) -> RodBeside:
     """The rod of a calibrated problem, and its model's answers at pressures (k,) MPa to be checked."""
     name, places = line_of(problem)
     top = max(float(problem.targets.log_pressure.max()), float(checked.max()))
@@ -70,7 +70,7 @@ def followed(
     )  # fmt: skip
     loaded = float(checked[len(checked) // 2])
     force, lifted = _lifted(test, rod, loaded, ramp_s=ramp_s, hold_s=hold_s)
-    return Followed(
+    return RodBeside(
         rod, name, checked, u[LEVELS:, -1], _sds(answers[LEVELS:]), loaded, force, lifted, dense
     )
 

@@ -14,7 +14,7 @@ Tips = Callable[[Path, Array, float], Array]  # folder, pressures (k,) MPa, forc
 
 
 @dataclass(frozen=True, kw_only=True)
-class Simulator:
+class RodSimulator:
     """A program that takes a finger. package: its distribution, "" where none is needed; tested: its version
     that the files were checked with; written: the files by name; tips: what it says with them; cannot: what
     it cannot express of the rod."""
@@ -73,15 +73,15 @@ DAMPING = "damping: a slow film does not tell it; what is written brings the fin
 SIMULATORS = {
     s.name: s
     for s in (
-        Simulator(name="table", written=sectiontable.written, tips=_of_table),
-        Simulator(
+        RodSimulator(name="table", written=sectiontable.written, tips=_of_table),
+        RodSimulator(
             name="mujoco", package="mujoco", tested="4.0.0", written=mujocochain.written, tips=_of_mujoco,
             cannot=(
                 DAMPING, "a stiffness that changes with the pressure: each joint has that at half of it",
                 "a bend that is no cubic of the pressure",
             ),
         ),
-        Simulator(
+        RodSimulator(
             name="pyelastica", package="pyelastica", tested="1.0.0",
             written=_with_script("finger_pyelastica.py", "elasticarod.py"), tips=_of_elastica,
             cannot=(

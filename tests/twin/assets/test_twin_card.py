@@ -9,8 +9,8 @@ import pytest
 from calibrate import Fit, Parameter
 from twin.assets.card import AssetCard, FilmTips, carded, drawn, missing, of_film, page
 from twin.assets.rod import straight
-from twin.assets.sections import Followed
-from twin.assets.simulators import SIMULATORS, Simulator
+from twin.assets.sections import RodBeside
+from twin.assets.simulators import SIMULATORS, RodSimulator
 from twin.effects.library import effect
 from twin.judging.fitrecord import FitRecord
 from twin.targets import Targets
@@ -26,10 +26,10 @@ def record(adequate: bool = True) -> FitRecord:
     return FitRecord.of(fit, adequate=adequate)
 
 
-def card(tips: np.ndarray | None, simulator: Simulator = SIMULATORS["table"], **film: np.ndarray) -> AssetCard:
+def card(tips: np.ndarray | None, simulator: RodSimulator = SIMULATORS["table"], **film: np.ndarray) -> AssetCard:
     rod = straight(bend=0.1, length=60.0, sections=6, top=0.03)
     lifted = np.array([0.0, 0.0, 2.0])
-    followed = Followed(rod, "tip", P, TIP, np.full((5, 3), 0.03), P[2], 0.1, lifted, False)
+    followed = RodBeside(rod, "tip", P, TIP, np.full((5, 3), 0.03), P[2], 0.1, lifted, False)
     seen = FilmTips(**{"pressure": P, "tip": TIP, "sd": np.full((5, 3), 0.04), **film})
     return carded(simulator, followed, seen, tips, None if tips is None else 0.9 * lifted, record=record(), effects=[effect("creep"), effect("wall_taper")], names=["rod.json"])
 
