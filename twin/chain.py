@@ -209,6 +209,12 @@ COMMANDS = (
         group=Group.USE, function="twin.commands.predict:run_predict", solves=True, when=When.ASKED,
     ),
     Stage(
+        name="modes", title="Say at which frequencies the finger vibrates, and what moves.",
+        reads=FITTED,
+        writes=("vibrations.json", "vibrations.csv", "vibrations.png"),
+        group=Group.USE, function="twin.commands.modes:run_modes", when=When.ASKED,
+    ),
+    Stage(
         name="explore", title="Say which constant or dimension bends the finger most.",
         reads=tuple(name for name in FITTED if name != "[points]"),
         writes=("explore.json", "explore.csv", "explore-effects.png"),

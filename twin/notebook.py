@@ -163,6 +163,7 @@ class OpenedProject:
     add = _method("add")
     drop = _method("drop")
     predict = _method("predict")
+    modes = _method("modes")
     explore = _method("explore")
     export = _method("export")
     review = _method("review")

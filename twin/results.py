@@ -139,6 +139,12 @@ def _explored(folder: Path) -> Iterator[Row]:
         yield {**row["values"], **{key: value for key, value in row.items() if key != "values"}}
 
 
+def _vibrations(folder: Path) -> Iterator[Row]:
+    """A row for each pressure and vibration: frequency, damping ratio, what moves."""
+    for row in files.read_json(folder / "vibrations.json")["vibrations"]:
+        yield {key: value for key, value in row.items() if key != "points"}
+
+
 def _predicted(folder: Path) -> Iterator[Row]:
     """A row for each point and time, as predicted.csv; an interval that there is not is None."""
     for row in DataTable.read(folder / "predicted.csv", text=("point",)).records:
@@ -157,6 +163,7 @@ _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "profile": _profiles,
     "posterior": _posterior,
     "pareto": _front,
+    "modes": _vibrations,
     "explore": _explored,
     "predict": _predicted,
     "export": _files,

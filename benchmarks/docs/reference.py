@@ -28,6 +28,7 @@ from twin.commands.calibratelaws import LawsRecord
 from twin.commands.confirm import Confirmation
 from twin.commands.explore import ExploredRecord
 from twin.commands.export import ModelRecord
+from twin.commands.modes import VibrationsRecord
 from twin.commands.pareto import ParetoRecord
 from twin.commands.posterior import PosteriorRecord
 from twin.commands.predict import PredictionRecord
@@ -49,8 +50,8 @@ DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
 RECORDS: tuple[type[Record], ...] = (
     FitRecord, ComparisonRecord, OutlineRecord, DiagnosisRecord, EvidenceRecord, Confirmation, ProfilesRecord,
-    PosteriorRecord, LawsRecord, ParetoRecord, ExploredRecord, PredictionRecord, ModelRecord, AssetCard,
-    Study,
+    PosteriorRecord, LawsRecord, ParetoRecord, VibrationsRecord, ExploredRecord, PredictionRecord,
+    ModelRecord, AssetCard, Study,
 )  # fmt: skip
 COLUMNS = 120
 BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"

@@ -6,7 +6,8 @@ first: targets, structure and law become a model on its mesh, fitted and judged;
 meshes, in a folder or in memory. `positions` are points on its surface, `effectstarts` begin the fit of an
 effect more. `predictions` are displacements under pressures that nobody has filmed, `predictionerrors` what
 is uncertain of them; `inverse` is the pressure for a wanted displacement, `blockedforce` the force of a
-finger whose end is held, `objectforce` the force on an object that it meets. `profiles` are likelihood
+finger whose end is held, `objectforce` the force on an object that it meets, `naturalvibrations` its
+frequencies about held pressures. `profiles` are likelihood
 profiles of parameters, `posterior` samples of all of them together, `tradeoff` what fits one part of the
 targets at the cost of another, and `exploration` solves fingers of other dimensions.
 """
