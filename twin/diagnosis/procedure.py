@@ -7,6 +7,7 @@ beside a verdict: who mimics whom, what sizes would have been found, what to do 
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from twin.diagnosis.deciding import NONE, Diagnosis, decided
 from twin.diagnosis.grades import Grade, grade_of
 from twin.diagnosis.hypotheses import Hypothesis, Refit
 from twin.diagnosis.lawresidual import law_residual
-from twin.diagnosis.refitting import with_effects
+from twin.diagnosis.refitting import near_with_effects, settled, with_effects
 from twin.diagnosis.scaling import scaling_in_words, scaling_of
 from twin.diagnosis.shortlist import LATE, Progress, Task
 from twin.diagnosis.signatures import Signatures, prior_sd
@@ -38,12 +39,12 @@ from twin.experiments.choice import Member, in_words, next_experiments
 from twin.judging.fitting import noise_of, unresolved
 from twin.judging.frame import frame_test
 from twin.judging.heldout import forecasts
-from twin.judging.judged import Judged, judge
+from twin.judging.judged import Judged
 from twin.judging.lawerrorlevels import inexact
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
-SETTLED = 0.25  # sd, to which what is named is fitted: a 95 % interval that is off by so much covers 94 %
+ON_THE_WAY = 1.0  # of the noise, up to which the response serves on the way to an end that is solved
 ASTRAY = 0.05  # of the motion, rms
 WORSE = 1.25  # a weighted fit may miss a little more than nominal constants where an effect is large
 TIED = 3  # members of a tie that experiments are planned for
@@ -79,7 +80,7 @@ def diagnose(
         return replace(cannot(f"mesh: {model.mesh.unknown}"), frame=frame)
     base = task.base(start)
     rows = task.searched(base)
-    diagnosis = _kept(concluded(decided(base, rows), base, rows), base, targets)
+    diagnosis = _kept(concluded(decided(base, rows), base, rows), base, task)
     signatures = task.signatures(base, [*task.laws(wide=False), *task.generic])
     untried = [*task.silent, *(h for h in rows if h.note == LATE)]
     diagnosis = _completed(diagnosis, base, signatures, untried, targets, plan=plan)
@@ -88,23 +89,21 @@ def diagnose(
     return replace(diagnosis, frame=frame, sentence=" ".join(filter(None, sentences)))
 
 
-def _kept(diagnosis: Diagnosis, base: Judged, targets: Targets) -> Diagnosis:
+def _kept(diagnosis: Diagnosis, base: Judged, task: Task) -> Diagnosis:
     """The diagnosis with the fit of what it names carried to its end, under the law errors that its refit
     asked for, how sure it is, and a sentence on the accuracy of the laws."""
     if diagnosis.kept is None or diagnosis.tied[0].score is None:
         return replace(diagnosis, sure=sure_in_words(diagnosis))
-    model, last = with_effects(base, diagnosis.effects), diagnosis.kept.fit
-    law = diagnosis.tied[0].score.law
-
-    def ended(start: Array) -> Judged:
-        return judge(model, targets, starts=start, seed=last.seed, tolerance=SETTLED, law=law)
-
+    targets, last, law = task.targets, diagnosis.kept.fit, diagnosis.tied[0].score.law
+    model = near_with_effects(base, diagnosis.effects, targets, task.known, share=ON_THE_WAY)
+    ended = partial(settled, model, targets, seed=last.seed, law=law)
     try:
-        judged = ended(model.theta(diagnosis.start))
+        judged = ended(start=model.theta(diagnosis.start))
     except Unsolvable:  # a step beyond the refit, where there is no such finger
-        judged = ended(last.theta)
+        judged = ended(start=last.theta)
     residual, judged = law_residual(judged, targets), inexact(judged, targets)
-    refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
+    whole = with_effects(base, diagnosis.effects)
+    refit = Refit.of(replace(judged, model=whole))  # one fit, the same numbers wherever they are shown
     foretold = forecasts(judged, targets)
     grade = grade_of(diagnosis.tied[0], alone=not diagnosis.ties, forecasts=list(foretold.values()))
     diagnosis = replace(diagnosis, grade=grade, foretold=foretold)

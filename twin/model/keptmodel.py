@@ -49,15 +49,23 @@ class KeptModel(Model):
         return self._kin[effect.label]
 
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
-        """The solve at theta (d,), kept or made now; always with derivatives: who fits or compares asks for
+        """The solve at theta (d,), kept or made now; that with derivatives: who fits or compares asks for
         them next, and alone they cost as much as the solve."""
-        del derivatives
-        earlier = next((s for s in self._solves if np.array_equal(s.theta, theta)), None)
-        if earlier is not None:
+        earlier = self._earlier(theta)
+        if earlier is not None and not (derivatives and earlier.jacobian is None):
             return earlier
-        solve = super().solved(theta, derivatives=True)
-        self._solves.append(solve)
-        del self._solves[:-KEPT]
+        return self._keep(super().solved(theta, derivatives=True))
+
+    def values(self, theta: Array) -> Solved:
+        """The solve at theta (d,), kept or made now without derivatives."""
+        return self._earlier(theta) or self._keep(super().solved(theta))
+
+    def _earlier(self, theta: Array) -> Solved | None:
+        return next((s for s in self._solves if np.array_equal(s.theta, theta)), None)
+
+    def _keep(self, solve: Solved) -> Solved:
+        others = [s for s in self._solves if not np.array_equal(s.theta, solve.theta)]
+        self._solves[:] = [*others, solve][-KEPT:]
         return solve
 
     def _start(self, theta: Array) -> Solution | None:

@@ -17,6 +17,8 @@ from twin.model.prediction import Tangents as SolvedTangents
 from twin.model.response import Surrogate, Tangents
 from twin.targets import Array
 
+FORESEEN = 0.1  # of a move, by which the response may miss it and its derivatives still serve
+
 
 @dataclass(frozen=True)
 class NearModel(Model):
@@ -43,9 +45,19 @@ class NearModel(Model):
         """The response, with all that was solved."""
         return self._known[-1]
 
-    def certify(self, theta: Array) -> None:
-        """Solve the whole model at theta (d,)."""
-        self._known[:] = [self.response.certified(theta)]
+    def certify(self, theta: Array, *, derivatives: bool = False) -> None:
+        """Solve the whole model at theta (d,): with derivatives where they are asked for, the response has
+        none, or what it foresaw is off by more than its limit and FORESEEN of the move there."""
+        response, solve = self.response, None
+        if response.reaches(theta) and not derivatives:
+            (u, _), solve = response.answer(theta), self.whole.values(theta)
+            missed, moved = self._rms(solve.u - u), self._rms(solve.u - response.nearest(theta).u)
+            if missed > max(self.limit_mm, FORESEEN * moved):
+                solve = None
+        self._known[:] = [response.joined(solve) if solve else response.certified(theta)]
+
+    def _rms(self, field: Array) -> float:
+        return float(np.sqrt((field[:, self.test.moving] ** 2).mean()))
 
     def is_solved(self, theta: Array) -> bool:
         """True if it answers at theta (d,) by a whole solve."""
@@ -58,7 +70,7 @@ class NearModel(Model):
         if not response.solves or not response.reaches(theta):
             return float("inf")
         _, sd = response.answer(theta)
-        return float(np.sqrt((sd[:, self.test.moving] ** 2).mean()))
+        return self._rms(sd)
 
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
         """As `Model.solved`, with the solution of the nearest whole solve."""

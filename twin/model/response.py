@@ -156,7 +156,7 @@ class Surrogate(Model):
         return self.joined(self.whole.solved(theta, derivatives=True))
 
     def joined(self, solve: Solved) -> "Surrogate":
-        """The response with one more solve of the whole model, with its derivatives."""
+        """The response with one more solve of the whole model, with the derivatives that it has."""
         if any(np.array_equal(s.theta, solve.theta) for s in self.solves):
             return self
         rows = (*self.rows, *self._told(solve, self.named(solve.theta), self.whole))
@@ -165,9 +165,11 @@ class Surrogate(Model):
 
     def _told(self, solved: Solved, values: Mapping[str, float], model: Model) -> list[Row]:
         """The rows of a solve, of this model or its base: displacements and derivatives."""
-        assert solved.jacobian is not None  # a model that keeps its solves makes none without
+        rows = [Row(self._x(values), -1, solved.u.ravel())]
+        if solved.jacobian is None:
+            return rows
         fields = dict(zip((p.name for p in model.parameters), solved.jacobian, strict=True))
-        return [Row(self._x(values), -1, solved.u.ravel()), *self._along(values, fields, SURE)]
+        return [*rows, *self._along(values, fields, SURE)]
 
     def _along(self, values: Mapping[str, float], fields: Mapping[str, Array], sd: float) -> list[Row]:
         x, names = self._x(values), [p.name for p in self.parameters]
@@ -208,7 +210,7 @@ class Surrogate(Model):
     def solved(self, theta: Array, *, derivatives: bool = False) -> Solved:
         """As `Model.solved`, without a solve; at a whole solve what that gave, to the bit."""
         solved = next((s for s in self.solves if np.array_equal(s.theta, theta)), None)
-        if solved is not None:
+        if solved is not None and not (derivatives and solved.jacobian is None):
             return solved
         k, _ = self._beside_rows(theta)
         u = (k[0] @ self._fitted.weights).reshape(self._shape)
@@ -216,6 +218,8 @@ class Surrogate(Model):
         if derivatives:
             slopes = np.array([a.slope(v) for a, v in zip(self.axes, theta, strict=True)])
             jacobian = (slopes[:, None] * (k[1:] @ self._fitted.weights)).reshape(-1, *self._shape)
+        if solved is not None:
+            return replace(solved, jacobian=jacobian)
         return Solved(theta.copy(), u, jacobian, None)  # type: ignore[arg-type]
 
     def with_effect(self, effect: Effect) -> Model:
@@ -243,6 +247,10 @@ class Surrogate(Model):
         """As `Model.modes`, from the nearest whole solve."""
         model, near = self._nearest(theta)
         return self._beside(theta, model.mesh_modes(near.theta).copy())
+
+    def nearest(self, theta: Array) -> Solved:
+        """The whole solve, of this model or of what it came from, that is nearest to theta (d,)."""
+        return self._nearest(theta)[1]
 
     def _nearest(self, theta: Array) -> tuple[Model, Solved]:
         if not self.solves:
