@@ -12,6 +12,7 @@ from fe.element import Flags
 from fe.kernel.assembly import State
 from fe.solver.newton import Equilibrium, Reached, Residual, Step, moved
 
+MANY = 12  # columns of which one correction costs as much as a new tangent
 TURNS = 4  # corrections that cost as much as a new tangent
 ACCURATE = 1e-7  # of a change: what may be left of it
 
@@ -36,6 +37,8 @@ class Corrected:
 
     def solve(self, residuals: Sequence[Residual]) -> list[State]:
         """Changes of state that cancel the residuals."""
+        if self._place is not None and len(residuals) > MANY:
+            self.step, self._place = self._place.factorised(), None
         changes = self.step.solve(residuals)
         if self._place is None or not changes:
             return changes
