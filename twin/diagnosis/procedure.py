@@ -17,7 +17,7 @@ from twin.diagnosis.deciding import NONE, Diagnosis, decided
 from twin.diagnosis.grades import Grade, grade_of
 from twin.diagnosis.hypotheses import Hypothesis, Refit
 from twin.diagnosis.lawresidual import law_residual
-from twin.diagnosis.refitting import near_with_effects, settled, with_effects
+from twin.diagnosis.refitting import near_with_effects
 from twin.diagnosis.scaling import scaling_in_words, scaling_of
 from twin.diagnosis.shortlist import LATE, Progress, Task
 from twin.diagnosis.signatures import Signatures, prior_sd
@@ -39,12 +39,14 @@ from twin.experiments.choice import Member, in_words, next_experiments
 from twin.judging.fitting import noise_of, unresolved
 from twin.judging.frame import frame_test
 from twin.judging.heldout import forecasts
-from twin.judging.judged import Judged
+from twin.judging.judged import Judged, judge
 from twin.judging.lawerrorlevels import inexact
+from twin.judging.nearfit import fitted_near
+from twin.model.nearmodel import NearModel
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
-ON_THE_WAY = 1.0  # of the noise, up to which the response serves on the way to an end that is solved
+SETTLED = 0.25  # sd, to which what is named is fitted: a 95 % interval that is off by so much covers 94 %
 ASTRAY = 0.05  # of the motion, rms
 WORSE = 1.25  # a weighted fit may miss a little more than nominal constants where an effect is large
 TIED = 3  # members of a tie that experiments are planned for
@@ -95,15 +97,20 @@ def _kept(diagnosis: Diagnosis, base: Judged, task: Task) -> Diagnosis:
     if diagnosis.kept is None or diagnosis.tied[0].score is None:
         return replace(diagnosis, sure=sure_in_words(diagnosis))
     targets, last, law = task.targets, diagnosis.kept.fit, diagnosis.tied[0].score.law
-    model = near_with_effects(base, diagnosis.effects, targets, task.known, share=ON_THE_WAY)
-    ended = partial(settled, model, targets, seed=last.seed, law=law)
+    model = near_with_effects(base, diagnosis.effects, targets, task.known)
+
+    def ended(start: Array) -> Judged:
+        fit = partial(judge, targets=targets, seed=last.seed, tolerance=SETTLED, law=law)
+        if not isinstance(model, NearModel):
+            return fit(model, starts=start)
+        return fitted_near(model, targets, lambda near, begun: fit(near, starts=begun), start)
+
     try:
-        judged = ended(start=model.theta(diagnosis.start))
+        judged = ended(model.theta(diagnosis.start))
     except Unsolvable:  # a step beyond the refit, where there is no such finger
-        judged = ended(start=last.theta)
+        judged = ended(last.theta)
     residual, judged = law_residual(judged, targets), inexact(judged, targets)
-    whole = with_effects(base, diagnosis.effects)
-    refit = Refit.of(replace(judged, model=whole))  # one fit, the same numbers wherever they are shown
+    refit = Refit.of(judged)  # one fit, the same numbers wherever they are shown
     foretold = forecasts(judged, targets)
     grade = grade_of(diagnosis.tied[0], alone=not diagnosis.ties, forecasts=list(foretold.values()))
     diagnosis = replace(diagnosis, grade=grade, foretold=foretold)

@@ -17,6 +17,7 @@ from twin.judging.heldout import folds
 from twin.judging.judged import Judged, judge, judge_fit
 from twin.judging.lawerrorlevels import Level, asked_for, levels
 from twin.judging.lawerrors import averaged
+from twin.judging.nearfit import NEARBY
 from twin.model.keptmodel import KeptModel
 from twin.model.nearmodel import NearModel
 from twin.model.prediction import Model
@@ -24,9 +25,6 @@ from twin.targets import Array, Targets
 
 NEAR = 2.0  # of 2 ln likelihood, that the next step would gain: then the derivatives say the rest
 CLOSE = 2e-3  # or this share of its evidence: what is behind by more is told apart without
-NEARBY = 0.25  # of the noise: a response that states so small an error serves for a whole solve
-SETTLED = 0.25  # sd, to which what is named is fitted: a 95 % interval that is off by so much covers 94 %
-EXACT = 0.02  # of the noise, by which what is named may be off: of the demo 0.8 um
 DOUBT = 5e-3  # of an evidence, by which it may err then: of the demo 38, 28 and 0 of 10,300
 MORE = 4  # times a refit of two solves is carried on, where it would gain more
 
@@ -44,15 +42,13 @@ def near_with_effects(
     effects: Sequence[Effect],
     targets: Targets,
     tangents: Mapping[str, Sequence[Array]],
-    *,
-    share: float = NEARBY,
 ) -> Model:
-    """The base model with effects more, which answers by its response where that errs by less than this share
-    of the noise; tangents: of effects at the base fit, by label."""
+    """The base model with effects more, which answers by its response where that errs by less than NEARBY of
+    the noise; tangents: of effects at the base fit, by label."""
     whole = with_effects(base, effects)
     if not (isinstance(whole, KeptModel) and isinstance(base.model, KeptModel)):
         return whole
-    limit = share * noise_of(targets, base.errors.gauge)
+    limit = NEARBY * noise_of(targets, base.errors.gauge)
     return NearModel.of(whole, base.model, base.theta, tangents, limit_mm=limit)
 
 
@@ -96,21 +92,6 @@ def refitted(
     refit = Refit.of(replace(judged, model=with_effects(base, h.effects)))
     step = next(each.step for each in at_levels if each.law == score.law)
     return replace(h, refit=refit, score=score, start=_gone_on(judged, step)), judged
-
-
-def settled(model: Model, targets: Targets, *, start: Array, seed: int, law: float) -> Judged:
-    """A model fitted from start (d,) to within SETTLED sds, under errors of its laws. One that answers by its
-    response is solved with derivatives at its end, until what it answers there errs by less than EXACT of the
-    noise."""
-    judged = judge(model, targets, starts=start, seed=seed, tolerance=SETTLED, law=law)
-    for _ in range(MORE):
-        if not isinstance(model, NearModel):
-            break
-        model.certify(judged.theta, derivatives=True)
-        judged = judge(model, targets, starts=judged.theta, seed=seed, tolerance=SETTLED, law=law)
-        if model.error_mm(judged.theta) <= EXACT * noise_of(targets, judged.errors.gauge):
-            break
-    return judged
 
 
 def _foreseen(model: Model, start: Theta, base: Judged, targets: Targets, seed: int) -> dict[str, float]:

@@ -157,9 +157,14 @@ class Surrogate(Model):
 
     def joined(self, solve: Solved) -> "Surrogate":
         """The response with one more solve of the whole model, with the derivatives that it has."""
-        if any(np.array_equal(s.theta, solve.theta) for s in self.solves):
+        same = [s for s in self.solves if np.array_equal(s.theta, solve.theta)]
+        told = self._told(solve, self.named(solve.theta), self.whole)
+        if same and (same[0].jacobian is not None or solve.jacobian is None):
             return self
-        rows = (*self.rows, *self._told(solve, self.named(solve.theta), self.whole))
+        if same:  # its derivatives are new
+            solves = tuple(solve if s is same[0] else s for s in self.solves)
+            return replace(self, rows=(*self.rows, *told[1:]), solves=solves)
+        rows = (*self.rows, *told)
         misses = (*self.misses, *([self._missed(solve)] if self.reaches(solve.theta) else []))
         return replace(self, rows=rows, solves=(*self.solves, solve), misses=misses)
 
