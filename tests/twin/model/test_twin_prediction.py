@@ -130,7 +130,8 @@ def test_tangents_have_a_row_for_each_amplitude_at_each_entry_of_the_tries(base:
         np.testing.assert_allclose(found["stiffening:2"][0][k], wanted, rtol=0, atol=0.02 * np.abs(wanted).max())
     seen = base.test.points + np.where(base.test.moving[:, None], base.predict(theta), 0.0)
     seen = seen - seen[base.reference].mean(axis=0)  # mm per unit of scale: the positions, but for the reference
-    np.testing.assert_allclose(found["camera_scale"][0][0], seen, rtol=0, atol=1e-6)
+    # of displacements at the levels of a secant, which are fewer
+    np.testing.assert_allclose(found["camera_scale"][0][0], seen, rtol=0, atol=1e-4 * np.abs(seen).max())
     # what only the picture shows is asked of no solve
     assert len(found.notes) == 0
 
