@@ -8,6 +8,6 @@ and says where it is; `lawerrorlevels` says how large the laws' errors are, `joi
 agree. `frame` tests the fixed markers, which no model moves. `stillnoise` makes the noise of displacements
 without a static film, which `scatter` checks by what the film itself shows. `intervals` gives 95 % intervals,
 `sharederrors` names errors that many values share, `tolerances` the dimensions that a result leans on,
-`heldout` asks what the model foretells of data that it has not seen. `fitrecord` is what fit.json and
-comparison.json hold.
+`heldout` asks what the model foretells of data that it has not seen. `nearfit` fits along a model's response,
+and solves the end. `fitrecord` is what fit.json and comparison.json hold.
 """
