@@ -52,7 +52,9 @@ def run_init(
     clamp_set: Annotated[str, Option(help="of such a mesh: the group of faces that is held")] = "",
     axes: Annotated[str, Option(help="of meshes and recordings: x, y, z, such as -x,z,y")] = "",
     unit: Annotated[str, Option(help="of such a mesh: its unit of length; else mm")] = "",
-    like: Annotated[Path | None, Option(help="a batch on the same rig, whose twin.toml is copied")] = None,
+    like: Annotated[Path | None, Option(
+        help="a batch on the same rig, whose twin.toml is copied; with --body or --finger, of the same "
+        "silicone: its law and effects are")] = None,
     pressure_from: Annotated[str, Option(help="name: --targets is a folder, a file a pressure")] = "",
     hold_out: Annotated[Sequence[str], Option(help="of these: part of a name that no fit may see")] = (),
     density_kg_m3: float | None = None,
@@ -79,12 +81,14 @@ def run_init(
             "states pressure and clamp itself, by *DSLOAD and *BOUNDARY, has x along the finger, z up, and "
             "another unit than mm by ** units: m, N, s"
         )
-    if like is not None:
+    other = bool(finger) or body != "finger"
+    if like is not None and not other:
         from twin.commands.initlike import run_init_like
 
-        if targets or nodes or deck or form or finger or sd_mm or still or body != "finger":
+        if targets or nodes or deck or form or sd_mm or still:
             raise ValueError("--like copies points and mesh of the former batch; leave out --targets, "
-                             "--format, --node, --deck, --body, --finger, --sd-mm and --still")  # fmt: skip
+                             "--format, --node, --deck, --sd-mm and --still; or state --body, then the "
+                             "silicone alone is that of the former")  # fmt: skip
         return run_init_like(folder, say, like=like)
     if form is not None and targets is None:
         raise ValueError("--format without --targets: name the file that the other program wrote")
@@ -119,12 +123,20 @@ def run_init(
     model: dict[str, Any] = {"density_kg_m3": density_kg_m3, kind: shape}
     model |= {"deck": f"raw/{deck.name}"} if deck else {}
     model |= {} if kind == "finger" else {"body": kind}
+    said: list[str] = []
+    if like is not None:
+        from twin.commands.initsilicone import of_silicone
+
+        carried, said = of_silicone(Project.open(like))
+        model |= {key: value for key, value in carried.items() if model.get(key) is None}
     model_keys = {key: value for key, value in model.items() if value is not None}
     config = config.model_copy(update={"model": config.model.model_copy(update=model_keys)})
     with files.whole_folder(folder.resolve()) as draft:
         write(draft / "twin.toml", dump(config))
         _fill(draft, config, targets, () if own_deck is None else own_deck.files)
     say(f"Wrote {folder / 'twin.toml'}.")
+    for sentence in said:
+        say(sentence)
     if own_deck is not None:
         from twin.commands.check import check_finger
 

@@ -10,7 +10,7 @@ from twin.effects.phrases import listed
 from twin.effects.protocol import Effect, Test, Theta
 from twin.targets import Array
 
-TOLD = ("name", "order", "sentence", "requires", "generic", "mechanism")
+TOLD = ("name", "order", "sentence", "requires", "generic", "mechanism", "belongs")
 SAID = 3  # amplitudes of a family that are told where nothing better is known of it
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from calibrate import Parameter
 from twin.effects.families import Parts, Wide, in_logs
-from twin.effects.mechanism import Mechanism
+from twin.effects.mechanism import Mechanism, Owner
 from twin.effects.phrases import listed, number, percent, way
 from twin.effects.protocol import Effect, Order, Test, Theta, symmetric
 from twin.effects.requirements import Requirement
@@ -134,6 +134,7 @@ class Gravity(Effect):
 
     name, order, requires = "gravity", Order.MATERIAL, (Requirement.GRAVITY,)
     mechanism = Mechanism.LOAD
+    belongs = Owner.SILICONE  # its density
     sentence = "the finger bends under its own weight"
     parameters = (
         Parameter(

@@ -9,7 +9,7 @@ import numpy as np
 from calibrate import Parameter
 from fe import Material
 from twin.effects.families import Parts, Wide, in_logs
-from twin.effects.mechanism import Mechanism
+from twin.effects.mechanism import Mechanism, Owner
 from twin.effects.phrases import felt, listed, number, percent, way
 from twin.effects.protocol import Effect, Family, Order, Test, Theta, Unsolvable, symmetric
 from twin.effects.requirements import Requirement
@@ -312,6 +312,7 @@ class Thermal(Effect):
 
     name, order = "thermal", Order.MATERIAL
     mechanism = Mechanism.HISTORY
+    belongs = Owner.RIG  # a film's own: how warm the room was
     sentence = "the silicone gets stiffer or softer with time (its temperature drifts)"
     parameters = symmetric("thermal.rate", most=5e-3, unit="1/s", step=2e-4, likely=1e-3)
 

@@ -1,6 +1,15 @@
-"""The six mechanisms by which a model may be wrong; every effect and every stand-in is of one."""
+"""The six mechanisms by which a model may be wrong; every effect and every stand-in is of one. And to what an
+effect belongs, which says where else it is found."""
 
 from enum import StrEnum
+
+
+class Owner(StrEnum):
+    """What has an effect: another finger of the same silicone has those of the silicone."""
+
+    SILICONE = "silicone"
+    BODY = "body"
+    RIG = "rig"
 
 
 class Mechanism(StrEnum):
@@ -12,6 +21,13 @@ class Mechanism(StrEnum):
     LOAD = "load and supports"
     COURSE = "course of the pressure and clock"
     PICTURE = "camera and markers"
+
+    @property
+    def owner(self) -> Owner:
+        """What has the effects of this mechanism, where one states nothing else."""
+        if self in (Mechanism.HISTORY, Mechanism.LAW):
+            return Owner.SILICONE
+        return Owner.BODY if self is Mechanism.BODY else Owner.RIG
 
     @property
     def film(self) -> str:

@@ -13,7 +13,7 @@ from calibrate import Parameter
 from fe import Case, Path
 from fe.mesh.mirror import symmetry_support
 from twin.effects.labels import KINDS, NAME
-from twin.effects.mechanism import Mechanism
+from twin.effects.mechanism import Mechanism, Owner
 from twin.effects.origin import Origin, sent
 from twin.effects.requirements import Requirement
 from twin.laws.law import RubberLaw
@@ -133,7 +133,8 @@ class Effect:
     effect is listed as not testable. smooth: False where its signature is the difference of whole solves, not
     of first order. kind: that of a stand-in, nothing for all others. generic: the kind of stand-in that says
     the same in general, `outside force`, and so is no other explanation. mechanism: its class of physics, by
-    default that of its order. held: a label that `at` may give it, for who mistypes one.
+    default that of its order. belongs: what has it, silicone, body or rig, by default `owner` of its
+    mechanism. held: a label that `at` may give it, for who mistypes one.
 
     Raises ValueError where a class is defined with a name, an order, a requirement or a kind that does not
     exist.
@@ -158,6 +159,7 @@ class Effect:
     kind: str = ""
     generic: str = ""
     mechanism: Mechanism = Mechanism.LOAD
+    belongs: Owner | None = None
     held: str = ""
     origin: ClassVar[Origin | None] = None  # the file of the user's that defines it; set where that is read
 
@@ -243,6 +245,16 @@ class Effect:
     def label(self) -> str:
         """The effect as twin.toml writes it: its name, with its number of terms where there is a choice."""
         return self.name
+
+    @property
+    def owner(self) -> Owner:
+        """What has the effect: another finger of the same silicone has it if that is the silicone.
+
+        >>> from twin.effects.library import effect
+        >>> [str(effect(name).owner) for name in ("creep:2", "wall_taper", "camera_scale")]
+        ['silicone', 'body', 'rig']
+        """
+        return self.belongs or self.mechanism.owner
 
     def beside(self, law: RubberLaw) -> "Effect":
         """The effect in a model whose silicone is of a law: its words and constants say what that lacks. By

@@ -87,4 +87,4 @@ def test_the_film_is_asked_as_its_pressure_rises(make_targets: Callable[..., Tar
     np.testing.assert_allclose(film.tip[-1], [3.0, np.nan, 3.0])  # the first step of the hold, not the release
     assert np.isnan(film.sd[-1, 1])
     np.testing.assert_allclose(film.sd[-1, 0], np.hypot(0.01, 0.03))
-    assert (np.diff(film.pressure) >= 0).all()
+    assert (film.tip[:, 0] <= 3.0).all()  # not step 6, on the way back at a fifth of the top
