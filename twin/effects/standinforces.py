@@ -18,7 +18,7 @@ from twin.effects.standinpressure import NARROW, stop
 from twin.targets import Array
 
 FADED = 1.0  # s, in which the force of friction that fades falls to 1 / e at rest (judgement)
-FOLDED = 0.5  # of the top pressure is where a fold begins
+HALF = 0.5  # of the top pressure is where a fold or a late force begins
 
 
 class OutsideForce(StandIn):
@@ -169,26 +169,55 @@ class Coming(StandIn):
         return np.interp(path.output, path.time, self.course(path.pressure / self.span.top, path.time))
 
 
-class Friction(Coming):
+class ComingForce(Coming):
+    """A force on the finger at a place, by a course of its own."""
+
+    def __init__(self, name: str, place: float, span: Span) -> None:
+        self.place, self.span = place, span
+        name = f"{name}_at_{100 * place:.0f}"
+        super().__init__(name, ("along", "up"), "N", most=2.0, step=0.02, likely=0.2)
+
+    def force(self, theta: Theta) -> Array:
+        """The force (3,) in N at full."""
+        return np.array([self.of(theta, "along"), 0.0, self.of(theta, "up")])
+
+    def changed(self, test: Test, theta: Theta) -> Case:
+        return pulled(test, {self.place: self.force(theta)}, {}, self.name).case
+
+
+class LateForce(ComingForce):
+    """A force that comes above half of the top pressure: something that is touched then, or pulled taut."""
+
+    kind, sentence = OutsideForce.kind, "the finger touches something, or pulls it taut"
+
+    def __init__(self, place: float, span: Span) -> None:
+        super().__init__("late_force", place, span)
+
+    def course(self, share: Array, time: Array) -> Array:
+        del time
+        return late(share)
+
+    def resembles(self, theta: Theta) -> str:
+        force = self.force(theta)
+        much = f"{float(np.linalg.norm(force)):.2g} N {where(self.place)}, pointing {direction(force)}"
+        return f"{much}, growing {_rises(self.span)}"
+
+
+class Friction(ComingForce):
     """Friction on the finger at a place: a force that reverses when the pressure turns back; one that fades
     as rubber creeps in its grip is gone soon after the finger rests."""
 
     kind, sentence = "friction", "the finger rubs on something"
 
     def __init__(self, place: float, span: Span, *, fading: bool = False) -> None:
-        self.place, self.span, self.fading = place, span, fading
-        name = f"{'fading_' * fading}friction_at_{100 * place:.0f}"
-        super().__init__(name, ("along", "up"), "N", most=2.0, step=0.02, likely=0.2)
-
-    def changed(self, test: Test, theta: Theta) -> Case:
-        force = np.array([self.of(theta, "along"), 0.0, self.of(theta, "up")])
-        return pulled(test, {self.place: force}, {}, self.name).case
+        self.fading = fading
+        super().__init__(f"{'fading_' * fading}friction", place, span)
 
     def course(self, share: Array, time: Array) -> Array:
         return stop(share, NARROW, np.exp(-np.diff(time) / FADED) if self.fading else None)
 
     def resembles(self, theta: Theta) -> str:
-        force = np.array([self.of(theta, "along"), 0.0, self.of(theta, "up")])
+        force = self.force(theta)
         much = f"a friction of {float(np.linalg.norm(force)):.2g} N {where(self.place)}"
         rest = ", fading at rest" * self.fading
         return f"{much}, pointing {direction(force)} while the pressure rises, and back while it falls{rest}"
@@ -214,8 +243,21 @@ class Fold(Coming):
 
     def course(self, share: Array, time: Array) -> Array:
         del time
-        return np.maximum(share - FOLDED, 0.0) / (1 - FOLDED)
+        return late(share)
 
     def resembles(self, theta: Theta) -> str:
-        rises = f"from {1e3 * FOLDED * self.span.top:.2g} kPa to {1e3 * self.span.top:.2g} kPa"
-        return f"a fold: {self.spot.resembles(self._soft(theta))}, growing {rises}"
+        return f"a fold: {self.spot.resembles(self._soft(theta))}, growing {_rises(self.span)}"
+
+
+def late(share: Array) -> Array:
+    """The part (t,) that is there at pressures (t,) over the top one of what begins at HALF of that.
+
+    >>> late(np.array([0.2, 0.5, 0.75, 1.0]))
+    array([0. , 0. , 0.5, 1. ])
+    """
+    return np.maximum(share - HALF, 0.0) / (1 - HALF)
+
+
+def _rises(span: Span) -> str:
+    """Where that grows, in words."""
+    return f"from {1e3 * HALF * span.top:.2g} kPa to {1e3 * span.top:.2g} kPa"

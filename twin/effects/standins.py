@@ -5,12 +5,12 @@ import numpy as np
 from twin.effects.markerslip import between
 from twin.effects.protocol import Test
 from twin.effects.standin import Span, StandIn
-from twin.effects.standinforces import Fold, Friction, OutsideForce, SoftSpot, Twist
+from twin.effects.standinforces import Fold, Friction, LateForce, OutsideForce, SoftSpot, Twist
 from twin.effects.standinmotions import ClampPlay, MarkerJump, MarkerPeel, MountingDrift, WrongPicture
 from twin.effects.standinpressure import PressureCourse, PressureCurve, PressureWay
 
 FORCES = (0.35, 0.6, 0.8, 1.0)  # of the length from the clamp
-GROWING = RUBBING = ASIDE = (0.6, 1.0)
+GROWING = LATE = RUBBING = ASIDE = (0.6, 1.0)
 SPOTS = (0.1, 0.3, 0.5, 0.7, 0.9)
 FOLDS = (0.2, 0.5, 0.8)
 MARKERS, TIMES = 8, 2  # slips: of so many markers at so many times
@@ -27,6 +27,7 @@ def stand_ins(test: Test) -> tuple[StandIn, ...]:
     return (
         *(OutsideForce(place, ways) for place in FORCES),
         *(OutsideForce(place, ways, growing=True) for place in GROWING),
+        *(LateForce(place, span) for place in LATE),
         *(OutsideForce(place, ("aside",)) for place in ASIDE),
         *(Friction(place, span, fading=fading) for fading in (False, True) for place in RUBBING),
         Twist(),

@@ -30,7 +30,7 @@ def test_stand_ins_are_of_all_kinds_with_names_of_their_own_and_not_too_many() -
     assert {s.kind for s in ALL} == set(KINDS)
     assert len({s.name for s in ALL}) == len(ALL)
     assert not {s.name for s in ALL} & {e.name for e in all_effects()}
-    for markers, low, high in ((5, 85, 100), (40, 95, 120)):
+    for markers, low, high in ((5, 90, 105), (40, 100, 125)):
         found = stand_ins(with_markers(markers))
         assert low <= sum(len(s.amplitudes) for s in found) <= high
         assert all(s.parameters == s.amplitudes and p.plausible for s in found for p in s.parameters)
@@ -77,6 +77,7 @@ def test_stand_ins_say_size_place_and_direction() -> None:
         "a friction of 0.1 N at 0.6 of the length from the clamp, pointing up while the pressure rises, and back while it falls"
     )
     assert said("fading_friction_at_60", up=0.1).endswith("while the pressure rises, and back while it falls, fading at rest")
+    assert said("late_force_at_100", up=0.1) == "0.1 N near the tip, pointing up, growing from 20 kPa to 40 kPa"
     assert said("fold_at_20", lower=0.3) == (
         "a fold: silicone 30 % softer in the lower half at 0.2 of the length from the clamp, growing from 20 kPa to 40 kPa"
     )
@@ -123,6 +124,16 @@ def test_friction_that_fades_is_gone_soon_after_the_finger_rests() -> None:
     stays, fades = (Friction(0.6, Span(0.0, 12.0, 0.04), fading=f).course(share, time) for f in (False, True))
     np.testing.assert_array_equal(stays[[400, 800, 1200]], [1.0, 1.0, -1.0])
     np.testing.assert_allclose(fades[[400, 500, 600, 1200]], [1.0, np.exp(-1), np.exp(-2), -1.0], atol=0.01)
+
+
+def test_a_late_force_is_absent_below_half_of_the_top_pressure() -> None:
+    test = small_test()
+    (force,) = (s for s in ALL if s.name == "late_force_at_60")
+    (there,) = force.before(test, {"late_force_at_60.along": 0.0, "late_force_at_60.up": 0.1}).perturbations
+    wanted = np.clip(np.interp(test.path.output, test.path.time, test.path.pressure) / 0.04 - 0.5, 0.0, None) / 0.5
+    np.testing.assert_allclose(there.course, wanted, atol=1e-12)
+    assert wanted.max() > 0.9
+    assert wanted.min() == 0.0
 
 
 def test_a_mounting_that_yields_turns_the_finger_as_a_whole_with_time() -> None:
