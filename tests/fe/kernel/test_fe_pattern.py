@@ -1,10 +1,11 @@
-"""The pattern of a system's matrix, and the places of entries in it, against dense matrices of numbers."""
+"""The pattern of a system's matrix, places of entries in it, and its solutions, against dense matrices."""
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from fe.kernel import matrix
-from fe.kernel.matrix import Pattern
+from fe.kernel.matrix import Pattern, Symmetric
 
 
 @pytest.mark.parametrize("rows", [7, 4096])
@@ -27,3 +28,19 @@ def test_a_pattern_holds_what_elements_share(monkeypatch: pytest.MonkeyPatch, ro
         r, c = unknowns[:, :, None], unknowns[:, None]
         expected = np.where((r < 0) | (c < 0), len(found.indices), wanted[r, c])
         np.testing.assert_array_equal(found.places(unknowns, unknowns, mirrored=mirrored), expected)
+
+
+@pytest.mark.skipif(matrix.PyPardisoSolver is None, reason="MKL is absent: SuperLU takes any matrix")
+def test_a_matrix_that_is_not_positive_definite_is_solved_too_and_so_is_the_next() -> None:
+    rng = np.random.default_rng(4)
+    root = sp.random(40, 40, 0.1, rng=rng) + sp.eye(40)
+    definite = (root @ root.T).toarray()
+    indefinite = definite - 2 * np.eye(40)
+    solver, b = None, rng.standard_normal((40, 3))
+    for a in (definite, indefinite, definite):
+        upper = sp.triu(sp.csr_matrix(a), format="csr")
+        upper.sort_indices()
+        solver = solver or Symmetric(upper.indptr.astype(np.int32), upper.indices.astype(np.int32))
+        solver.factorise(upper.data)
+        np.testing.assert_allclose(a @ solver.solve(b), b, rtol=0, atol=1e-9)
+        assert solver.negative == int((np.linalg.eigvalsh(a) < 0).sum())
