@@ -23,6 +23,7 @@ from twin.executors.local import Serial, current, using
 from twin.notebook import OpenedProject
 from twin.project.config import Config
 from twin.project.folder import Project, dataset
+from twin.project.toml import with_effects
 from twin.signatures import signature_of
 from twin.tablemodel import keys_of
 
@@ -403,6 +404,8 @@ def test_the_command_starts_without_the_heavy_packages():
 
 
 def test_runs_are_listed_without_the_packages_that_compute(study):
+    toml = study / "twin.toml"
+    toml.write_text(with_effects(toml.read_text(encoding="utf-8"), ["creep"]), encoding="utf-8")
     with Project.open(study).new_run("calibrate"):
         pass
     code = (

@@ -44,7 +44,7 @@ def _changes(project: Project, folder: Path, stage: Stage) -> list[str]:
     info = project.info(folder)
     model = info.config.model
     labels = info.extra.effects if "effects" in info.extra.model_fields_set else model.effects
-    if "[diagnose]" in stage.reads or _has_own(labels):
+    if "[diagnose]" in stage.reads or (model.effect_files and _has_own(labels)):
         return changes(project, folder, tables=stage.tables, present=[*present, *project.effect_files()])
     but = [*model.effect_files, *map(project.shown, project.effect_files())]
     return changes(project, folder, tables=stage.tables, present=present, but=but)
