@@ -52,9 +52,7 @@ def run_init(
     clamp_set: Annotated[str, Option(help="of such a mesh: the group of faces that is held")] = "",
     axes: Annotated[str, Option(help="of meshes and recordings: x, y, z, such as -x,z,y")] = "",
     unit: Annotated[str, Option(help="of such a mesh: its unit of length; else mm")] = "",
-    like: Annotated[Path | None, Option(
-        help="a batch on the same rig, whose twin.toml is copied; with --body or --finger, of the same "
-        "silicone: its law and effects are")] = None,
+    like: Annotated[Path | None, Option(help="a batch on the same rig, or of the same silicone")] = None,
     pressure_from: Annotated[str, Option(help="name: --targets is a folder, a file a pressure")] = "",
     hold_out: Annotated[Sequence[str], Option(help="of these: part of a name that no fit may see")] = (),
     density_kg_m3: float | None = None,
