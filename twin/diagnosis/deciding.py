@@ -9,6 +9,7 @@ docs/how-it-decides.md says what fixes each constant.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 from scipy.special import ndtri
 
 from twin.diagnosis.classes import Mimics
@@ -75,12 +76,11 @@ class Diagnosis:
 
     @property
     def mechanisms(self) -> tuple[Mechanism, ...]:
-        """The mechanisms of what is named, that of the best first; where nothing is, of what comes nearest:
+        """The mechanisms of what is named, that of the best first; where nothing is, of what explains most:
         an effect or a stand-in."""
         near = self.tied
         if self.verdict == NONE:
-            rows = ranked([*near, *self.resembles])
-            near = tuple(h for h in rows if close(h, rows[0]))
+            near = _leading([*near, *self.resembles])
         return tuple(dict.fromkeys(e.mechanism for h in near for e in h.effects))
 
     @property
@@ -177,6 +177,16 @@ def ahead(a: Hypothesis, b: Hypothesis) -> bool:
     assert a.score is not None
     assert b.score is not None
     return min(a.score.evidence - b.score.evidence, a.score.delta_bic - b.score.delta_bic) >= TIE
+
+
+def _leading(rows: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """What explains most, and what cannot be told from it: by evidence where any fits; else half by that, in
+    which the largest law errors forgive most, and half by the fall of deviance without any."""
+    if any(h.adequate for h in rows):
+        best = ranked(list(rows))
+        return tuple(h for h in best if close(h, best[0]))
+    much = [-np.inf if h.score is None else (h.score.evidence + h.score.size**2) / 2 for h in rows]
+    return tuple(rows[k] for k in np.argsort(much)[::-1] if max(much) - much[k] < TIE)
 
 
 def _by_physics(rows: Sequence[Hypothesis]) -> list[Hypothesis]:

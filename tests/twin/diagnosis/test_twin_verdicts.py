@@ -152,10 +152,26 @@ def test_what_only_a_stand_in_explains_is_none_of_these_and_told() -> None:
 def test_the_mechanism_is_that_of_a_stand_in_which_is_ahead_of_every_effect() -> None:
     course, pull = toy_effect("course", kind="pressure course"), smooth_field(50)
     type(course).mechanism = Mechanism.COURSE
-    fields = {"course": pull, "alpha": pull + 0.5 * FIELDS["beta"]}
+    fields = {"course": pull, "alpha": pull + 0.5 * smooth_field(88)}
     found = diagnosed(0.2 * pull[0], fields=fields, beside=(course,))
     assert (found.verdict, found.nearest) == ("none of these", ("alpha",))
     assert (found.tied[0].effect.mechanism, found.mechanisms) == (Mechanism.LOAD, (Mechanism.COURSE,))
+
+
+@pytest.mark.parametrize(("effect", "stand_in", "told"), [
+    ((607.0, 246.0), (598.0, 569.0), Mechanism.COURSE),  # as much by law errors, far more without
+    ((9937.0, 8785.0), (9350.0, 9074.0), Mechanism.LOAD),  # far more by law errors, little less without
+])  # fmt: skip
+def test_the_mechanism_is_of_what_explains_most_by_law_errors_and_without(
+    effect: tuple[float, float], stand_in: tuple[float, float], told: Mechanism
+) -> None:
+    course = toy_effect("course", kind="pressure course")
+    type(course).mechanism = Mechanism.COURSE
+    near, like = (
+        Hypothesis(effects=(e,), score=Score(evidence=ev, delta_bic=ev, size=fall**0.5, law=0.3, p_value=0.0))
+        for e, (ev, fall) in ((toy_effect("alpha"), effect), (course, stand_in))
+    )
+    assert Diagnosis(verdict="none of these", sentence="", tied=(near,), resembles=(like,)).mechanisms == (told,)
 
 
 def test_what_nothing_explains_is_none_of_these() -> None:
