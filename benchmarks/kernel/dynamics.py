@@ -1,0 +1,93 @@
+"""How right natural frequencies are: against beam theory and CalculiX.
+
+    python benchmarks/kernel/dynamics.py [--quick] [--json]
+
+beam_theory: the largest relative difference to Timoshenko's beam, two vibrations up and two aside, with and
+without a mass at the tip. ccx_frequency: that to CalculiX's *FREQUENCY about rest and about a dead load, its
+own element on one deck. Of the pressurised finger, ccx_answer: the relative difference of what a small force
+at the tip moves, and ccx_perturbation: that of the first frequency by *STEP, PERTURBATION, whose tangent has
+not the follower pressure of its static steps. --quick: a finger of one bellow, not three.
+"""
+
+import os
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
+from benchmarks.commandline import whole
+from benchmarks.kernel.beams import DENSITY, Beam
+from benchmarks.kernel.convergence import SHORT, SILICONE
+from benchmarks.kernel.vibrations import theirs
+
+import numpy as np
+
+from fe import Case, Finger, Lattice, finger_case
+from fe.dynamics.loading import HeldLoad, at_rest
+from fe.dynamics.mass import Attached
+from fe.dynamics.vibration import modes
+from fe.engines.calculix import CalculiX
+from fe.mesh.convert import converted
+
+PRESSURE = 0.03  # MPa
+PULL = np.array([0.3, 0.0, -0.3])  # N, on the half
+PUSH = np.array([0.0, 0.0, -0.01])  # N, on the half
+COARSE = Lattice(per_bellow=2, ring=False, centred=False)
+COUNT = 3
+
+
+def beam_theory() -> float:
+    """Largest relative difference to Timoshenko's beam."""
+    worst = 0.0
+    for beam in (Beam(), Beam(tip=2e-5)):
+        masses = [Attached(beam.end, beam.tip)] if beam.tip else []
+        found = modes(at_rest(beam.case(), HeldLoad()), count=4, attached=masses).frequency
+        theory = [beam.timoshenko(n, sideways=s) for n in (0, 1) for s in (False, True)]
+        worst = max(worst, float(np.abs(found / theory - 1).max()))
+    return worst
+
+
+def against_calculix(case: Case) -> dict[str, float | None]:
+    """Relative differences to CalculiX; none of them where it is not installed."""
+    pulled = replace(case, forces={"tip_face": PULL}, pressurised=None)
+    with tempfile.TemporaryDirectory() as scratch:
+
+        def apart(structure: Case, pressure: float) -> float:
+            found = modes(at_rest(structure, HeldLoad(pressure)), count=4 * COUNT)
+            ours = found.frequency[~found.sideways][:COUNT]
+            folder = Path(scratch, f"{pressure}-{len(structure.forces)}")
+            return float(np.abs(theirs(structure, pressure, count=COUNT, folder=folder) / ours - 1).max())
+
+        try:
+            frequency, pressed = max(apart(case, 0.0), apart(pulled, 0.0)), apart(case, PRESSURE)
+            return {"ccx_frequency": frequency, "ccx_answer": answer(case), "ccx_perturbation": pressed}
+        except FileNotFoundError:
+            return dict.fromkeys(("ccx_frequency", "ccx_answer", "ccx_perturbation"))
+
+
+def answer(case: Case) -> float:
+    """Relative difference to CalculiX of what a small force moves most under pressure."""
+    pushed = replace(case, forces={"tip_face": PUSH})
+    ours, other = (
+        [run(c) for c in (case, pushed)]
+        for run in (
+            lambda c: at_rest(c, HeldLoad(PRESSURE)).state.u,
+            lambda c: CalculiX().solve(c, PRESSURE).u,
+        )
+    )
+    size = [float(np.linalg.norm(b - a, axis=1).max()) for a, b in (ours, other)]
+    return abs(size[1] / size[0] - 1)
+
+
+def figures(quick: bool) -> dict[str, Any]:
+    """The figures by name."""
+    x = 10 + 100 / 9
+    stub = Finger(length=x, bellows=1, tip_node=(x, 11.5, 0.0), middle_node=(x / 2, 11.5, 0.0))
+    finger = finger_case(replace(SILICONE, density=DENSITY), finger=stub if quick else SHORT, lattice=COARSE)
+    return {"beam_theory": beam_theory(), **against_calculix(converted(finger, "C3D20RH"))}
+
+
+if __name__ == "__main__":
+    sys.exit(whole(__doc__, figures, quick="a finger of one bellow"))
