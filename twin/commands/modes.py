@@ -204,7 +204,7 @@ def _table(record: VibrationsRecord) -> list[str]:
     """A line a vibration."""
     rows = [
         (f"{1e3 * row.pressure_MPa:.4g}", f"{row.frequency_Hz:.4g}", _interval(row),
-         "–" if row.damping_ratio is None else f"{row.damping_ratio:.3f}", row.moves)
+         "–" if row.damping_ratio is None else f"{row.damping_ratio:.2g}", row.moves)
         for row in record.vibrations
     ]  # fmt: skip
     return DataTable(("kPa", "Hz", "95 %", "damping ratio", "moves"), rows).lines(">>>><")
