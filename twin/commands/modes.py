@@ -174,7 +174,8 @@ def _notes(
 
 def _panels(one: Vibrating, bench: Workbench) -> list[ShapePanel]:
     places, half = one.case.nodes + one.u, symmetry_support(one.case) is not None
-    surface = triangles(bench.structure.outside)
+    whole = "outside" in one.case.surfaces  # of both halves, where they were put together
+    surface = triangles(one.case.face_nodes("outside") if whole else bench.structure.outside)
     out = []
     for k, moves in enumerate(one.moves):
         shape, seen = one.found.shape[k], SEEN.get(moves, (0, 2))
