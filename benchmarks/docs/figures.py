@@ -75,7 +75,7 @@ FIGURES = (
            "by # to # mm (95 %). It fails most at marker tip (# mm, # times its noise), in U3, at # to # kPa",
            tuple(f"{WHERE}#{k}" for k in (1, 2, 3, 5, 6, 7, 8))),  # the fourth is 95 %
     Figure(README, "at rest were off by # sd", (f"{WHERE}#9",)),
-    Figure(README, f"is held. {CHANGE}", CHANGED),
+    Figure(README, f"pressure falls. {CHANGE}", CHANGED),
     Figure(README, f"and compare. {CHANGE}",
            (f"{COMPARE}raw_rms_mm", *(f"add/comparison.json:{key}"
                                       for key in ("expected_low_mm", "expected_high_mm", "raw_rms_mm")))),
