@@ -109,7 +109,7 @@ class Rod:
 def turns(joints: Array) -> Array:
     """Turns (..., n) rad from x towards -z of the links between joints (..., n + 1, 3) mm.
 
-    >>> turns(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, -1.0]])).round(3)
+    >>> turns(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, -1.0]])).round(3) + 0.0
     array([0.   , 1.571])
     """
     step = np.diff(joints, axis=-2)
