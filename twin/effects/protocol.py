@@ -251,8 +251,8 @@ class Effect:
         """What has the effect: another finger of the same silicone has it if that is the silicone.
 
         >>> from twin.effects.library import effect
-        >>> [str(effect(name).owner) for name in ("creep:2", "wall_taper", "camera_scale")]
-        ['silicone', 'body', 'rig']
+        >>> print(*(effect(name).owner for name in ("creep:2", "wall_taper", "camera_scale")))
+        silicone body rig
         """
         return self.belongs or self.mechanism.owner
 
