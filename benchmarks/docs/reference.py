@@ -325,7 +325,7 @@ def _protocol(p: Protocol, rates: Mapping[str, Any]) -> str:
 
 def _right(rate: Mapping[str, Any] | None) -> str:
     """How many trials have a verdict that holds what was hidden, of how many; the mean size of a verdict."""
-    if rate is None:
+    if rate is None or not rate["n"]:
         return "-"
     return f"{round(rate['in_set'] * rate['n'])} of {rate['n']}; {rate['set_size']:.1f}"
 
