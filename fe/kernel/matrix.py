@@ -107,8 +107,9 @@ class Symmetric:
     """One sparsity pattern, factorised many times; the symbolic analysis is done once.
 
     indptr, indices: the CSR pattern of the upper triangle including the diagonal, numbers of 32 bits. count:
-    how many times it was factorised; it solves with the newest factors alone. Cholesky's factors take 0.85 of
-    the time of L D L', and a solve 0.7; from the first matrix that is not positive definite, L D L' serves.
+    how many times it was factorised; it solves with the newest factors alone. Cholesky's factors, and solves
+    with them, take some 0.85 of the time of L D L'; from the first matrix that is not positive definite on,
+    L D L' serves.
     """
 
     def __init__(self, indptr: Places, indices: Places) -> None:
