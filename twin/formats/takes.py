@@ -34,6 +34,8 @@ BASE = 3  # markers, at least, whose rigid motion is taken off
 OFF_MM = 3.0  # from the surface, beyond which a marker is a ball or on a stalk
 SAME_MM = 1.0  # two feet nearer to each other are one
 EXCHANGED_MM = 5.0  # by how much places at rest must agree better with names exchanged
+STATED_MM = 5.0  # by which stated places may lie elsewhere to each other than the recordings have them
+TOLD_MM = 1.0  # beyond which that is told
 TOGETHER = 5.0  # times the sd, by which distances of markers on a rigid cap may change
 
 
@@ -140,7 +142,8 @@ def takes_targets(
     base, remarks = _base(names, takes, places)
     moved, sd = _without_base(takes, base)
     rows = [names.index(name) for name in places]
-    stated = np.array([places[name] for name in places])
+    stated, more = _as_recorded(takes, rows, places)
+    remarks += more
     feet = np.array([nearest_on_faces(case.element, case.nodes[outside], _half(x, case)) for x in stated])
     off = np.linalg.norm(np.array([_half(x, case) for x in stated]) - feet, axis=1) > OFF_MM
     value = moved[:, rows]
@@ -196,6 +199,29 @@ def _without_base(takes: Sequence[Take], base: Sequence[int]) -> tuple[Array, fl
             left.append(float(np.sqrt(((hold[base] - take.rest[base]) ** 2).mean())))
         out.append(hold - take.rest)
     return np.array(out), max(left)
+
+
+def _as_recorded(
+    takes: Sequence[Take], rows: Sequence[int], places: Mapping[str, Array]
+) -> tuple[Array, list[str]]:
+    """Places (p, 3) mm of the markers on the body, to each other as they are recorded at rest and on average
+    as stated, and what to say of them. ValueError where the two contradict each other."""
+    stated = np.array(list(places.values()))
+    rest = np.nanmean([take.rest[rows] for take in takes], axis=0)
+    recorded = rest + (stated - rest).mean(axis=0)
+    off = np.linalg.norm(recorded - stated, axis=1)
+    name, most = list(places)[int(off.argmax())], float(off.max())
+    if most > STATED_MM:
+        raise ValueError(
+            f"--node {name}: to the other markers it lies {most:.2g} mm elsewhere than in the recordings at "
+            f"rest; wanted at most {STATED_MM:g} mm: correct its place, or --axes"
+        )
+    if most < TOLD_MM:
+        return stated, []
+    return recorded, [
+        f"The stated places of the markers differ from the recorded ones at rest by up to {most:.2g} mm "
+        f"({name}): the recorded ones are used, shifted to the mean of the stated."
+    ]
 
 
 def _half(x: Array, case: Case) -> Array:

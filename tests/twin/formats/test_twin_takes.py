@@ -43,8 +43,9 @@ def written(folder: Path, *, exchanged: bool = False, bent: float = 0.0) -> Path
     return folder
 
 
-def found(folder: Path, *held_out: str) -> tuple[Targets, dict[str, Array], list[str]]:
+def found(folder: Path, *held_out: str, off: float = 0.0) -> tuple[Targets, dict[str, Array], list[str]]:
     places = {name: np.array(x) for name, x in BALLS.items()}
+    places["b"] = places["b"] + [off, 0.0, 0.0]
     return takes_targets(folder, places, case=CASE, outside=CASE.face_nodes("outside"), sd_mm=0.02, axes="z,y,-x",
                          held_out=held_out)  # fmt: skip
 
@@ -66,9 +67,21 @@ def test_the_feet_move_with_the_cap_and_the_base_is_taken_off(tmp_path: Path) ->
     assert "a, b, c lie off the surface" in told
 
 
+def test_markers_lie_to_each_other_as_they_are_recorded_not_as_they_are_stated(tmp_path: Path) -> None:
+    folder = written(tmp_path / "takes")
+    right, rough = found(folder), found(folder, off=3.0)
+    assert any("differ from the recorded ones at rest by up to 2 mm (b)" in line for line in rough[2])
+    shift = np.array([1.0, 0.0, 0.0])  # of the mean of three, all of which the recordings have 3 mm apart
+    for name in "ab":
+        np.testing.assert_allclose(rough[1][name], np.minimum(right[1][name] + shift, [40.0, 99.0, 99.0]), atol=1e-6)
+    np.testing.assert_allclose(rough[0].value, right[0].value, atol=0.3)  # 1 mm times the turn of 0.3
+
+
 def test_what_cannot_be_is_refused_with_its_cause(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"marker b lies at rest where a lies in a run_100mbar\.csv: their names are"):
         found(written(tmp_path / "exchanged", exchanged=True))
+    with pytest.raises(ValueError, match="--node b: to the other markers it lies 6.7 mm elsewhere than in the rec"):
+        found(written(tmp_path / "far"), off=10.0)
     with pytest.raises(ValueError, match="do not move together: a rigid motion leaves"):
         found(written(tmp_path / "bent", bent=0.3))
     with pytest.raises(ValueError, match="--hold-out 999mbar: in no file's name"):
