@@ -80,7 +80,7 @@ def test_markers_lie_to_each_other_as_they_are_recorded_not_as_they_are_stated(t
 def test_what_cannot_be_is_refused_with_its_cause(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"marker b lies at rest where a lies in a run_100mbar\.csv: their names are"):
         found(written(tmp_path / "exchanged", exchanged=True))
-    with pytest.raises(ValueError, match="--node b: to the other markers it lies 6.7 mm elsewhere than in the rec"):
+    with pytest.raises(ValueError, match=r"--node b: to the other markers it lies 6\.7 mm elsewhere than in the rec"):
         found(written(tmp_path / "far"), off=10.0)
     with pytest.raises(ValueError, match="do not move together: a rigid motion leaves"):
         found(written(tmp_path / "bent", bent=0.3))
