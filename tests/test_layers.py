@@ -68,6 +68,15 @@ def test_no_package_imports(banned: str) -> None:
     assert not [name for name in FILES if any(used.split(".")[0] == banned for used in imports_of(name))]
 
 
+@pytest.mark.parametrize("slow", ["scipy.stats", "pandas", "matplotlib.pyplot", "pyvista"])
+def test_what_takes_half_a_second_to_import_is_imported_where_it_is_called(slow: str) -> None:
+    def at_once(name: str) -> set[str]:
+        body = [node for node in ast.parse(FILES[name].read_text(encoding="utf-8")).body if isinstance(node, ast.Import | ast.ImportFrom)]
+        return imports(ast.unparse(ast.Module(body, [])), package=name.rpartition(".")[0])
+
+    assert not [name for name in FILES if slow in at_once(name)]
+
+
 def test_no_package_imports_tests_or_benchmarks() -> None:
     banned = {"tests", "benchmarks", "datasets"}
     assert not [name for name in FILES if any(used.split(".")[0] in banned for used in imports_of(name))]

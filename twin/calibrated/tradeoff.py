@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtrc, chdtri
 
 from calibrate import Fit, Parameter, least_squares
 from calibrate.genetic import GENERATIONS, Front, pareto_front
@@ -157,8 +157,8 @@ class TradeOff:
     def threshold(self) -> float:
         """The excess that noise alone goes beyond in LEVEL of all tests of a model that is right: of chi2
         with as many degrees of freedom as parameters, for all parts together (Bonferroni)."""
-        level = 1 - LEVEL / len(self.parts)
-        return float(chi2_distribution.ppf(level, len(self.fit.theta)))
+        level = LEVEL / len(self.parts)
+        return float(chdtri(len(self.fit.theta), level))
 
     @property
     def lacking(self) -> tuple[str, ...]:
@@ -167,7 +167,7 @@ class TradeOff:
         return tuple(
             p.name
             for p, x in zip(self.parts, self.least, strict=True)
-            if chi2_distribution.sf(x, max(p.whitener.count - free, 1)) < LACKING
+            if chdtrc(max(p.whitener.count - free, 1), x) < LACKING
         )
 
     @property

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from twin.judging.comparison import branches
 from twin.judging.lawerrors import memory
@@ -87,7 +87,8 @@ def own_scatter(targets: Targets) -> Scatter | None:
     def chance(stated_sd: float, stated_rho: float) -> float:
         deviance, variance = likelihood(stated_rho)
         ratio = variance / stated_sd**2
-        return float(chi2.sf((deviance - least + free * (ratio - 1 - np.log(ratio))) / alike, 2))
+        worse = (deviance - least + free * (ratio - 1 - np.log(ratio))) / alike
+        return float(chdtrc(2, max(worse, 0.0)))
 
     if rho > MOST_RHO or not _even((new**2).sum(axis=1), columns / alike):
         return None

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import qmc
 
 from calibrate import Parameter
 from twin.effects.protocol import Unsolvable
@@ -129,6 +128,8 @@ def spread(low: Array, high: Array, count: int, *, seed: int = 0) -> Array:
     >>> spread(np.zeros(1), np.ones(1), 4).shape
     (4, 1)
     """
+    from scipy.stats import qmc  # half a second
+
     power = int(np.ceil(np.log2(max(count, 1))))
     unit = qmc.Sobol(len(low), rng=np.random.default_rng(seed)).random_base2(power)[:count]
     return np.asarray(low + (high - low) * unit)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from twin.ringing.dampedsine import DampedSine, damped_sine
 from twin.targets import Array
@@ -121,6 +121,6 @@ def _line(x: Array, value: Array, sd: Array) -> tuple[float, float, float]:
     c = covariance @ weight.T @ (value / sd)
     free = len(x) - A.shape[1]
     misfit = float((((value - A @ c) / sd) ** 2).sum())
-    more = misfit / free if free and chi2.sf(misfit, free) < RARE else 1.0
+    more = misfit / free if free and chdtrc(free, misfit) < RARE else 1.0
     slope = float(c[1]) if len(c) > 1 else np.nan
     return float(c[0]), float(np.sqrt(covariance[0, 0] * more)), slope
