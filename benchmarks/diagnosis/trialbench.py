@@ -19,6 +19,7 @@ from benchmarks.diagnosis.truthbook import displaced, slope
 
 import numpy as np
 
+from calibrate import Fit
 from twin import files
 from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.procedure import diagnose
@@ -343,7 +344,10 @@ def worth(said: Any, scene: Scene, hidden: tuple[tuple[Kind, float], ...]) -> di
     judged = judged_of(said)
     if judged is None:
         return found
-    found |= {"inside": coverage(judged, hidden), "heldout": heldout(judged, scene, hidden)}
+    tied = [h.refit for h in said.tied[1:] if said.ties and not h.kind and h.refit is not None]
+    told = not any(refit.comparison.doubt for refit in tied)  # else a tie has no intervals
+    inside = coverage([judged.fit, *(refit.fit for refit in tied)], hidden) if told else {}
+    found |= {"inside": inside, "heldout": heldout(judged, scene, hidden)}
     if scene.protocol.held_out is not None:
         found["base_heldout"] = heldout(said.base, scene, hidden)
     return found
@@ -361,39 +365,39 @@ def judged_of(said: Any) -> Any:
     return getattr(kept, "refit", None) or kept or said.base
 
 
-def coverage(judged: Any, hidden: Sequence[tuple[Kind, float]]) -> dict[str, bool]:
-    """Whether 95 % intervals of the kept fit hold the truth: the sum of the constants, the share, and the
-    size of an effect whose law is the library's."""
-    fit = judged.fit
-    names, theta = (
-        [p.name for p in fit.parameters],
-        dict(zip((p.name for p in fit.parameters), fit.theta, strict=True)),
-    )
-    if (
-        not {"C10", "C01"} <= set(names)
-        or {"C10", "C01"} & set(fit.at_bound)
-        or not np.isfinite(fit.covariance).all()
-    ):
-        return {}
-    i, j = names.index("C10"), names.index("C01")
-    own = fit.covariance[np.ix_([i, j], [i, j])]
+def coverage(fits: Sequence[Fit], hidden: Sequence[tuple[Kind, float]]) -> dict[str, bool]:
+    """Whether 95 % intervals hold the truth: of the sum of the constants, the share, and the size of an
+    effect whose law is the library's. fits: of what a verdict names; of a tie the union over all is asked."""
+    every = [spans(fit, hidden) for fit in fits]
     out = {}
-    for key, g, error in (
-        ("sum", np.ones(2), theta["C10"] + theta["C01"] - MAIN.scale),
-        ("share", _share_slope(theta), theta["C01"] / (theta["C10"] + theta["C01"]) - MAIN.shape[0]),
-    ):
-        out[key] = bool(abs(error) <= 1.96 * np.sqrt(g @ own @ g))
-    for kind, size in hidden:
-        name = kind.amplitude
-        if kind.law == "same" and name in names and name not in fit.at_bound:
-            k = names.index(name)
-            out["size"] = bool(abs(theta[name] - size) <= 1.96 * np.sqrt(fit.covariance[k, k]))
+    for key in ("sum", "share", "size"):
+        rows = [row[key] for row in every if key in row]
+        if rows and (key == "size" or len(rows) == len(every)):
+            out[key] = min(low for low, _ in rows) <= 0.0 <= max(high for _, high in rows)
     return out
 
 
-def _share_slope(theta: Mapping[str, float]) -> Array:
+def spans(fit: Fit, hidden: Sequence[tuple[Kind, float]]) -> dict[str, tuple[float, float]]:
+    """The 95 % intervals of a fit, less the truth; of a constant at its bound none."""
+    theta = {p.name: float(x) for p, x in zip(fit.parameters, fit.theta, strict=True)}
+    names = list(theta)
+    if not {"C10", "C01"} <= set(names) or {"C10", "C01"} & set(fit.at_bound):
+        return {}
+    if not np.isfinite(fit.covariance).all():
+        return {}
     total = theta["C10"] + theta["C01"]
-    return np.array([-theta["C01"], theta["C10"]]) / total**2
+    by_share = -theta["C01"] / total**2, theta["C10"] / total**2
+    slopes = {"sum": {"C10": 1.0, "C01": 1.0}, "share": dict(zip(("C10", "C01"), by_share, strict=True))}
+    errors = {"sum": total - MAIN.scale, "share": theta["C01"] / total - MAIN.shape[0]}
+    for kind, size in hidden:
+        if kind.law == "same" and kind.amplitude in names and kind.amplitude not in fit.at_bound:
+            slopes["size"], errors["size"] = {kind.amplitude: 1.0}, theta[kind.amplitude] - size
+    out = {}
+    for key, by in slopes.items():
+        g = np.array([by.get(name, 0.0) for name in names])
+        half = 1.96 * float(np.sqrt(g @ fit.covariance @ g))
+        out[key] = (errors[key] - half, errors[key] + half)
+    return out
 
 
 def heldout(judged: Any, scene: Scene, hidden: tuple[tuple[Kind, float], ...]) -> float | None:

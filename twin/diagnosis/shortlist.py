@@ -27,6 +27,8 @@ Progress = Callable[[str, int, int], None]
 DETECTED = 0.01  # after multiplicity
 REACH = 12.0  # of 2 ln B: so far behind the best refit a hypothesis may be to first order and is refitted,
 BENT = 0.1  # and by this share of the best one's evidence more: so wrong the first order may be
+FAR = 0.5  # the same share where no effect fits without law errors: it may bend in its own size
+FURTHER = 2  # effects that are refitted then
 PAIRED = 10.0  # by which several together must beat the best single to first order to be refitted
 SHARE = 0.15  # and by this share of its evidence where they do not fit without law errors
 LATE = "takes whole solves to try, and is tried where nothing else fits"
@@ -107,6 +109,9 @@ class Task:
         able = [h for h in rows if not h.note and h.gain > 0 and (wrong or h.p_value < DETECTED)]
         refits = Refits(self, base, starts=({**self.model.named(self.nominal)},) if base.at_bound else ())
         refits.run(able)
+        if wrong and not any(h.exact and not h.kind for h in refits.done):
+            others = {h.physics for h in refits.done}
+            refits.run([h for h in able if not h.kind and h.physics not in others], most=FURTHER, bent=FAR)
         rough = [e for e in self.absent if not e.smooth]
         if wrong and not any(h.adequate and not h.kind for h in refits.done):
             late = self._screened(base, rough)
@@ -231,16 +236,16 @@ class Refits:
     best: Hypothesis | None = None
     view: Judged | None = None
 
-    def run(self, rows: Sequence[Hypothesis], *, most: int = MOST) -> None:
-        """Refit these, the physics that promises most first, while one may come within reach of the best; at
-        least one that is no stand-in."""
+    def run(self, rows: Sequence[Hypothesis], *, most: int = MOST, bent: float = BENT) -> None:
+        """Refit these, the physics that promises most first, while one may come within reach of the best, the
+        first order being wrong by a share `bent`; at least one that is no stand-in."""
         waiting: dict[str, list[Hypothesis]] = {}
         for h in sorted(rows, key=lambda h: -h.hint):
             waiting.setdefault(h.physics, []).append(h)
         count = 0
         for laws in waiting.values():
             lone = not laws[0].kind and all(d.kind for d in self.done)
-            if lone or (count < most and self._near(laws[0])):
+            if lone or (count < most and self._near(laws[0], bent)):
                 count += 1
                 self._laws(laws) if len(laws[0].effects) == 1 else self._together(laws[0])
 
@@ -288,11 +293,11 @@ class Refits:
             law = law.wider()
         return [*out, *([wide] if wide is not None else [])]
 
-    def _near(self, h: Hypothesis) -> bool:
+    def _near(self, h: Hypothesis, bent: float) -> bool:
         if self.best is None or self.best.evidence is None:
             return True
         best = min(self.best.evidence, self.best.hint)  # to first order it may have promised less than it has
-        return h.hint > best - REACH - BENT * abs(best)
+        return h.hint > best - REACH - bent * abs(best)
 
     def refit(self, h: Hypothesis) -> Hypothesis:
         """The hypothesis with its refit, which is kept in `done`."""

@@ -38,20 +38,26 @@ class CameraBreathing(Family):
     """The picture of the finger is magnified by `scale` more at its farthest motion than at rest: it comes
     nearer to the camera as it bends, or the focus breathes. Fixed markers stay where they are.
 
-    Positions P, from the markers' middle at rest, are seen at (1 + scale m + square m^2) P, with m from 0
-    to 1 the mean displacement of all moving markers along its largest, over that; square with two terms
-    alone.
+    Positions P, from the markers' middle at rest, are seen at P + (scale m + square m^2) (P - c), with m
+    from 0 to 1 the mean displacement of all moving markers along its largest, over that; square from two
+    terms on. With three terms the place (along, 0, up) of c is free, as a picture grows about the lens's
+    axis, wherever that points; else it is 0.
     """
 
     name, order = "camera_breathing", Order.CAMERA
     sentence = "the picture's scale grows with the finger's motion"
     generic = "camera"
-    added: ClassVar[Theta] = {"camera_breathing.square": 0.0}
+    most = 3
+    added: ClassVar[Theta] = dict.fromkeys(
+        ("camera_breathing.square", "camera_breathing.along", "camera_breathing.up"), 0.0
+    )
 
     def law(self, terms: int) -> tuple[Parameter, ...]:
         # 5 mm nearer at a distance of 500 mm is 1 %; a lens breathes by some percent (judgement)
         names = ("camera_breathing.scale", "camera_breathing.square")[:terms]
-        return symmetric(*names, most=0.1, unit="", step=0.005, likely=0.02)
+        scales = symmetric(*names, most=0.1, unit="", step=0.005, likely=0.02)
+        about = ("camera_breathing.along", "camera_breathing.up")[: 2 * (terms - 2)]
+        return scales + tuple(Parameter(name, -200.0, 200.0, "mm", typical=10.0) for name in about)
 
     def after(self, u: Array, test: Test, theta: Theta) -> Array:
         if not test.moving.any():
@@ -61,7 +67,8 @@ class CameraBreathing(Family):
         share = mean @ mean[length.argmax()] / max(float(length.max()), 1e-12) ** 2
         scale = share * theta["camera_breathing.scale"]
         scale = scale + share**2 * theta.get("camera_breathing.square", 0.0)
-        seen = test.points + u - test.points[test.moving].mean(axis=0)
+        c = [theta.get("camera_breathing.along", 0.0), 0.0, theta.get("camera_breathing.up", 0.0)]
+        seen = test.points + u - test.points[test.moving].mean(axis=0) - c
         return u + scale[:, None, None] * seen * test.moving[:, None]
 
     def told(self, values: Theta) -> str:

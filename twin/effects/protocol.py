@@ -322,7 +322,8 @@ class Family(Effect):
         return self.again(self.terms + 1) if self.widens and self.terms < self.most else None
 
     def start(self, theta: Theta) -> Theta:
-        return {**self.added, **theta} if self.terms > 1 else theta
+        own = {p.name for p in self.parameters}
+        return {**{name: x for name, x in self.added.items() if name in own}, **theta}
 
 
 def symmetric(*names: str, most: float, unit: str, step: float, likely: float) -> tuple[Parameter, ...]:

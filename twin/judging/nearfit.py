@@ -23,6 +23,8 @@ def fitted_near(
     """The whole model, fitted and judged from start (d,) or (m, d) by `fit`, along its response. What that
     answers at the end errs by less than EXACT of the noise. Raises Unsolvable as `fit` does."""
     judged = fit(model, start)
+    model.certify(judged.theta)
+    judged = fit(model, judged.theta)
     for _ in range(ENDS):
         model.certify(judged.theta, derivatives=True)
         judged = fit(model, judged.theta)

@@ -56,3 +56,19 @@ def test_a_picture_that_breathes_is_magnified_by_how_far_the_finger_has_moved() 
     wanted = motion_of_all + (scale * share + square * share**2) * (test.points + motion_of_all - middle)
     np.testing.assert_allclose(seen[:, test.moving], wanted[:, test.moving], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(seen[:, ~test.moving], motion_of_all[:, ~test.moving])
+
+
+def test_a_picture_may_breathe_about_any_place() -> None:
+    test = spread_out()
+    u = motion(test) * test.moving[:, None]
+    values = {"camera_breathing.scale": 0.01, "camera_breathing.square": -0.004}
+    place = np.array([31.0, 0.0, -12.0])
+    about = dict(zip(("camera_breathing.along", "camera_breathing.up"), place[[0, 2]], strict=True))
+    narrow = effect("camera_breathing:2").after(u, test, values)
+    wide = effect("camera_breathing:3").after(u, test, {**values, **about})
+    distance = (test.points + u)[:, test.moving] - test.points[test.moving].mean(axis=0)
+    growth = (narrow - u)[:, test.moving, :1] / distance[..., :1]
+    np.testing.assert_allclose(wide[:, test.moving], narrow[:, test.moving] - growth * place, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(wide[:, ~test.moving], u[:, ~test.moving])
+    none = {**values, **dict.fromkeys(about, 0.0)}
+    np.testing.assert_array_equal(effect("camera_breathing:3").after(u, test, none), narrow)

@@ -134,6 +134,10 @@ TOLD = {
         {"scale": -0.012, "square": 0.032},
         "the picture's scale changes with the motion: at its farthest, lengths look 2 % too long",
     ),
+    "camera_breathing:3": (
+        {"scale": -0.012, "square": 0.032, "along": 20.0, "up": -8.0},
+        "the picture's scale changes with the motion: at its farthest, lengths look 2 % too long",
+    ),
     "marker_standoff": ({"mm": -1.5}, "the markers stand 1.5 mm below the surface, and turn with it"),
     "marker_standoff:one": ({"mm": 0.8, "marker": 2.0}, "a marker stands 0.8 mm above the surface, and turns with it"),
     "marker_standoff:tip": ({"mm": 0.8}, "marker tip stands 0.8 mm above the surface, and turns with it"),
