@@ -40,6 +40,19 @@ def test_who_comes_near_is_refitted_too() -> None:
     assert {h.label for h in rows if h.refit is not None} == {"alpha", "beta"}
 
 
+def test_who_promises_half_as_much_is_refitted_where_no_effect_fits_exactly() -> None:
+    """beta has 0.64 of what alpha promises, gamma 0.25: one of a bent size may be beta, not gamma."""
+    drawn = np.array([BASE, FIELDS["alpha"], *(smooth_field(k) for k in (91, 92, 93))])
+    columns, _ = np.linalg.qr(drawn.reshape(len(drawn), -1).T)
+    _, alpha, beside, other, rest = columns.T.reshape(drawn.shape) * np.linalg.norm(FIELDS["alpha"])
+    fields = {"alpha": alpha, "beta": 0.8 * alpha + 0.6 * beside, "gamma": 0.5 * alpha + 0.87 * other}
+    inexact = searched(0.3 * alpha[0] + 0.1 * rest[0], fields=fields)
+    assert {h.label for h in inexact if h.refit is not None and len(h.effects) == 1} == {"alpha", "beta"}
+    assert not any(h.exact for h in inexact if len(h.effects) == 1)
+    exact = searched(0.3 * alpha[0], fields=fields)
+    assert [h.label for h in exact if h.refit is not None] == ["alpha"]
+
+
 def test_to_first_order_and_by_a_refit_a_linear_model_has_one_evidence() -> None:
     rows = searched(0.3 * FIELDS["alpha"][0])
     assert rows[0].evidence is not None
@@ -51,7 +64,8 @@ def test_who_promised_as_much_as_the_best_did_is_refitted() -> None:
     score = Score(evidence=338.0, delta_bic=341.0, size=18.0, law=0.0, p_value=1.0)
     best = Hypothesis(effects=EFFECTS[:1], hint=277.0, score=score)
     refits = Refits(None, None, best=best)  # type: ignore[arg-type]
-    near = {hint: refits._near(Hypothesis(effects=EFFECTS[1:2], hint=hint)) for hint in (272.0, 240.0, 230.0)}
+    others = [Hypothesis(effects=EFFECTS[1:2], hint=hint) for hint in (272.0, 240.0, 230.0)]
+    near = {h.hint: refits._near(h, shortlist.BENT) for h in others}
     assert near == {272.0: True, 240.0: True, 230.0: False}
 
 
