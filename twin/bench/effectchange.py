@@ -19,6 +19,7 @@ from twin.bench.comparison import (
     told_of_tests,
     write_curves,
 )
+from twin.bench.filmedge import FilmEdge
 from twin.bench.fits import fresh, held_fit, newest, newest_fit
 from twin.bench.workbench import Workbench, as_far_as_it_carries
 from twin.calibrated.effectstarts import begun_from, nominal
@@ -49,7 +50,8 @@ class Change:
 
     @staticmethod
     def of(bench: Workbench, judged: Judged) -> "Change":
-        """The change to a model that was judged in this process."""
+        """The change to a model that was judged in this process; its edge along the film is kept."""
+        FilmEdge(bench).keep(judged)
         fields, tests = _fields(bench, judged.model, judged.theta), bench.agreement(judged)
         return Change(fit=judged.fit, judgement=Judgement.of(judged), fields=fields, tests=tests)
 

@@ -13,6 +13,7 @@ from twin.batches.former import former_of
 from twin.bench.comparison import Judgement, compared, fitted_by, told_of_tests, write_curves
 from twin.bench.effectchange import change_effects
 from twin.bench.engines import check_embedded
+from twin.bench.filmedge import FilmEdge
 from twin.bench.fits import former_fit
 from twin.bench.workbench import Workbench, as_far_as_it_carries
 from twin.commands.calibratelaws import run_laws
@@ -71,6 +72,7 @@ def run_calibrate(
         )
         model, fit, tests = judged.model, judged.fit, bench.agreement(judged)
         comparison = compared(run, fit.theta, Judgement.of(judged), bench, say)
+        FilmEdge(bench).keep(judged)
         words = identifiability_of(
             on.holding(fit, say), best.best, fit, doubt_of_tests(tests) or comparison.doubt
         )

@@ -1,7 +1,7 @@
 """Models projected on the film: solved along it, seen by its camera, and drawn over it as still and clip."""
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin import files
+from twin.bench.filmedge import FilmEdge
 from twin.bench.waterfall import Stair, stairs
 from twin.bench.workbench import Workbench
-from twin.drawing.painting import Image, edge_rows, still
+from twin.drawing.painting import Image, still
 from twin.inputs.cameras import camera_path, stored_cameras
 from twin.inputs.recordings import marks_of
 from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
-from twin.model.arraycache import code_digest
-from twin.model.prediction import Solved
 from twin.project.folder import Project
 from twin.review.filmed import Filmed, Trace
 from twin.review.states import Generations
@@ -29,7 +28,6 @@ if TYPE_CHECKING:  # vision takes a second to import
     from vision.perspective import Projection
 
 MOST = 500  # pictures in which the models are drawn
-CHUNK = 64  # steps whose displacements of all nodes are held at a time
 TICK = 1e-6  # s, below every time base
 Rows = NDArray[np.intp]
 
@@ -170,49 +168,27 @@ class _Sight:
         return Workbench.of(self.project)
 
     @cached_property
-    def _edge(self) -> Rows:
-        """Nodes (k,) along the edge of the side face."""
-        return edge_rows(self.generations.nodes, self.generations.triangles)
+    def _edge(self) -> FilmEdge:
+        return FilmEdge(self._bench)
 
     def _moved(self, stair: Stair) -> tuple[Array, Array]:
         """Displacements in mm of the edge (s,k,3) at all steps, and those (s,p,3) that a model foretells of
-        the markers. A solved edge is kept in the folder `cache`."""
+        the markers."""
         model = self._bench.model(stair.effects)
         fit = self.project.root / "runs" / stair.run / "fit.json"
         stored = files.read(FitRecord, fit).parameters if stair.run else {}
         values = {p.name: stored[p.name].value if stored else p.start or 0.0 for p in model.parameters}
-        theta = model.theta(values)
-
-        @cache
-        def drawn() -> Solved:
-            return model.drawn(theta)
-
-        def edge() -> Array:
-            self.say.progress(f"{stair.done}, along the film", 0, 1)
-            solution, every = drawn().solution, np.arange(len(self.targets.time))
-            parts = [solution.fields(list(part))[:, self._edge] for part in _parts(every)]
-            return np.concatenate(parts)
-
-        key = f"edge-{self._key(stair, values)[:16]}"
-        moved = self._bench.store.cache(self.say)(f"{stair.done}, along the film", {key: edge})[key]
+        drawn = cache(partial(model.drawn, model.theta(values)))
+        moved = self._edge.moved(
+            stair.effects, values, lambda: drawn().solution, done=stair.done, say=self.say
+        )
         rows = np.flatnonzero(~self.targets.fixed)
         path = fit.with_name("prediction.npz")
         return moved, (files.read_npz(path, "u")["u"] if stair.run else drawn().u)[:, rows]
 
-    def _key(self, stair: Stair, values: dict[str, Any]) -> str:
-        """Digest of all that a solved edge depends on."""
-        return files.digest_text(
-            {
-                "code": code_digest(), "structure": self._bench.structure.key, "effects": stair.effects,
-                "values": values, "edge": self._edge,
-                "targets": files.digest_of([self.project.targets_folder], root=self.project.root),
-                "own": files.digest_of(self.project.effect_files(), root=self.project.root),
-            }
-        )  # fmt: skip
-
     def _trace(self, stair: Stair, moved: Array, predicted: Array) -> Trace:
         """The pictures of one model."""
-        at_rest, frames = self.generations.nodes[self._edge], self._frames[self._steps]
+        at_rest, frames = self.generations.nodes[self._edge.nodes], self._frames[self._steps]
         return Trace(
             label=stair.done,
             rms_mm=stair.error_mm,
@@ -222,8 +198,8 @@ class _Sight:
 
     def _search(self, moved: Array) -> Trace:
         """The best of each generation; its displacements count from the rest, the edge's (s,k,3) do not."""
-        g = self.generations
-        edge = g.nodes[self._edge] + moved[self.targets.reference].mean(axis=0) + g.u[:, self._edge]
+        g, edge = self.generations, self._edge.nodes
+        edge = g.nodes[edge] + moved[self.targets.reference].mean(axis=0) + g.u[:, edge]
         frames = np.full(len(edge), self._top)
         markers = self._pictures(self._spots(g.u_points, frames), frames)
         return Trace(
@@ -243,10 +219,6 @@ class _Sight:
         rows = np.flatnonzero(~self.targets.fixed)
         residual = (self.targets.value[:, rows] - predicted)[self._steps]
         return np.linalg.norm(residual[..., [0, 2]], axis=2)
-
-
-def _parts(steps: Rows) -> list[Rows]:
-    return np.array_split(steps, max(1, -(-len(steps) // CHUNK)))
 
 
 @dataclass(frozen=True)
