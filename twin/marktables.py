@@ -83,6 +83,11 @@ class PointTable(MarkTable):
         description="its centre without load, mm; the model takes its nearest place, or node; left out, "
         "and no node: where the film at rest shows it",
     )
+    standoff_mm: Positive | None = Field(
+        default=None,
+        description="of a ball or a tag on a stalk: how far position_mm lies off the surface, mm; it turns "
+        "with the surface beneath",
+    )
     seen_mm: tuple[Length, Length] | None = Field(
         default=None,
         description="x and z of a natural feature in the first picture, mm; `twin pick` writes it",
@@ -99,6 +104,12 @@ class PointTable(MarkTable):
             raise ValueError(
                 f"points.{self.name}: where it is on the finger is not stated; wanted position_mm = [x, y, "
                 "z] in mm, or the label of a node, node = 4401; the film tells it of a coded marker"
+            )
+        if self.standoff_mm is not None and (self.position_mm is None or self.node is not None):
+            raise ValueError(
+                f"points.{self.name} has standoff_mm = {self.standoff_mm:g}"
+                f"{' and a node' if self.node is not None else ' without position_mm'}; wanted the place of "
+                "the marker itself, position_mm = [x, y, z] in mm, alone"
             )
         if self.seen_mm is not None and self.marker is not None:
             raise ValueError(

@@ -35,7 +35,8 @@ class TargetPoint:
 
     node: label in the mesh, of kind NODE only.   position (3,) mm, stress-free; None: not stated, the node's
     own. A PLACE must state it.   rest (3,) mm: where it is seen at rest, which tells the material point of a
-    model that has weight; None: its position is stated.
+    model that has weight; None: its position is stated.   off (3,) mm: from the material point to a marker
+    that stands off the surface, stress-free; None: it lies on it.
     """
 
     name: str
@@ -43,6 +44,7 @@ class TargetPoint:
     node: int | None = None
     position: tuple[float, float, float] | None = None
     rest: tuple[float, float, float] | None = None
+    off: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         if (self.node is not None) != (self.kind is PointKind.NODE):

@@ -19,15 +19,18 @@ OFF_MODEL_MM = 0.5
 SAGS = 0.3  # of its distance from the clamp that a heavy finger's marker may hang below its place
 BENEATH, STRAIGHT_MM = 30, 1e-3  # steps to the place beneath a marker, and how exact it is
 ON_FINGER_MM = 3.0  # from the surface at most: room for a tag's thickness and for a rough reading
+LEAST_OFF = 0.5  # of its standoff: a marker that is stated nearer to the surface tells no direction
 
 
 @dataclass(frozen=True)
 class PlacedPoint:
-    """A named point: the position (3,) mm that twin.toml states, and the nearest (3,) mm on the surface."""
+    """A named point: the position (3,) mm that twin.toml states, and the nearest (3,) mm on the surface.
+    standoff: of a marker off the surface, mm; None of one on it."""
 
     name: str
     stated: Array
     nearest: Array
+    standoff: float | None = None
 
     @property
     def away(self) -> float:
@@ -35,8 +38,20 @@ class PlacedPoint:
         return float(np.linalg.norm(self.nearest - self.stated))
 
     @property
+    def off(self) -> Array | None:
+        """The way (3,) mm from the surface to a marker off it; None of one on it."""
+        if self.standoff is None:
+            return None
+        return np.asarray(self.standoff * (self.stated - self.nearest) / self.away, float)
+
+    @property
     def sentence(self) -> str:
         """A sentence on the distance between the stated position and the surface."""
+        if self.standoff is not None:
+            return (
+                f"Point {self.name} stands {self.standoff:.3g} mm off the finger's surface at "
+                f"{_shown(self.nearest)} mm, and turns with it."
+            )
         if self.away < 0.005:
             return f"Point {self.name} lies on the finger's surface at {_shown(self.nearest)} mm."
         return (
@@ -97,15 +112,29 @@ def _place(point: PointTable, structure: Structure, *, mirrored: bool = False) -
     case = structure.case
     position = on_model_side(np.array(point.position_mm), case, mirrored=mirrored)
     nearest = nearest_on_faces(case.element, case.nodes[structure.outside], position)
-    place = PlacedPoint(point.name, position, nearest)
-    if place.away > ON_FINGER_MM:
+    place = PlacedPoint(point.name, position, nearest, point.standoff_mm)
+    if place.standoff is not None:
+        _check_standoff(place)
+    elif place.away > ON_FINGER_MM:
         raise ValueError(
             f"points.{point.name}.position_mm = {_shown(position)}: not on the finger; the nearest place on "
             f"its surface, {_shown(place.nearest)}, is {place.away:.1f} mm away; wanted at most "
             f"{ON_FINGER_MM:g} mm; correct the position (x along the finger from the clamp, y across, z up "
-            "from the bottom; `twin look` shows them), or the finger's dimensions"
+            "from the bottom; `twin look` shows them), or the finger's dimensions; of a ball or a tag on a "
+            f"stalk state standoff_mm = {place.away:.1f}, too"
         )
     return place
+
+
+def _check_standoff(place: PlacedPoint) -> None:
+    """Raise ValueError where a marker that stands off the surface is stated elsewhere."""
+    assert place.standoff is not None
+    if place.away < LEAST_OFF * place.standoff or abs(place.away - place.standoff) > ON_FINGER_MM:
+        raise ValueError(
+            f"points.{place.name}.standoff_mm = {place.standoff:g}: its position_mm {_shown(place.stated)} "
+            f"lies {place.away:.1f} mm off the surface; wanted the place of the marker itself, as far off to "
+            f"{ON_FINGER_MM:g} mm; correct one of them"
+        )
 
 
 def side_of(structure: Structure) -> float:
@@ -189,7 +218,8 @@ def _moved(point: TargetPoint, place: PlacedPoint) -> TargetPoint:
             f"points.{point.name}.position_mm = {_shown(place.stated)} in twin.toml, but the targets have "
             f"{point.name!r} as {what}; wanted one of them: correct targets/targets.toml or twin.toml"
         )
-    return TargetPoint(point.name, PointKind.PLACE, None, as_position(place.nearest))
+    off = None if place.off is None else as_position(place.off)
+    return TargetPoint(point.name, PointKind.PLACE, None, as_position(place.nearest), off=off)
 
 
 def _shown(x: Array) -> str:

@@ -192,14 +192,14 @@ def _init_of_takes(
         case = body_case(own, own.lattice)
         outside = case.face_nodes("outside")
     places = {plain(point.name): np.array(point.position_mm) for point in points}
-    found, feet, remarks = takes_targets(
+    found, table, remarks = takes_targets(
         targets, places, case=case, outside=outside, sd_mm=sd_mm, axes=axes, held_out=hold_out
     )
     with tempfile.TemporaryDirectory() as scratch:
         write_targets(Path(scratch) / "targets", found)
         done = run_init(
             folder, say, targets=Path(scratch) / "targets", deck=deck, body=body, finger=finger,
-            nodes=[f"{name}={','.join(map(repr, map(float, x)))}" for name, x in feet.items()],
+            nodes=[_typed(point) for point in table.values()],
             density_kg_m3=density_kg_m3,
         )  # fmt: skip
     shutil.copytree(targets, folder / "raw" / "recordings")
@@ -355,7 +355,8 @@ def targets_config(name: str, targets: Targets, stated: Mapping[str, PointTable]
     from twin.study.generations import moving_component
 
     finger = [p for p in targets.points if p.kind is not PointKind.FIXED]
-    points_of = {p.name: _named(p) or stated.get(p.name) for p in finger}
+    off = {name: point for name, point in stated.items() if point.standoff_mm}
+    points_of = {p.name: off.get(p.name) or _named(p) or stated.get(p.name) for p in finger}
     missing = [name for name, point in points_of.items() if point is None]
     if missing:
         raise ValueError(f"the place of point {', '.join(missing)} is not known: state it, as in --node "
@@ -428,19 +429,28 @@ def film_config(
                   calibrate=CalibrateTable(objective_points=usual_objective(points)))  # fmt: skip
 
 
+def _typed(point: PointTable) -> str:
+    """The point as `_point` reads it."""
+    assert point.position_mm is not None
+    off = [] if point.standoff_mm is None else [round(point.standoff_mm, 3)]
+    return f"{point.name}={','.join(repr(round(x, 4)) for x in [*point.position_mm, *off])}"
+
+
 def _point(text: str) -> PointTable:
-    """The point that NAME=LABEL or NAME=X,Y,Z states."""
+    """The point that NAME=LABEL, NAME=X,Y,Z or NAME=X,Y,Z,STANDOFF states."""
     name, _, place = text.partition("=")
     try:
         if name and place.isdigit():
             return PointTable(name=name, node=int(place))
-        x, y, z = (float(part) for part in place.split(","))
-        return PointTable(name=name, position_mm=(x, y, z))
+        x, y, z, *off = (float(part) for part in place.split(","))
+        if len(off) < 2:
+            return PointTable(name=name, position_mm=(x, y, z), standoff_mm=off[0] if off else None)
     except ValueError:
-        raise ValueError(
-            f"--node {text!r}: wanted NAME=LABEL, such as tip=4401, or NAME=X,Y,Z in mm, such as "
-            "tip=110,11.5,0"
-        ) from None
+        pass
+    raise ValueError(
+        f"--node {text!r}: wanted NAME=LABEL, such as tip=4401, or NAME=X,Y,Z in mm, such as tip=110,11.5,0; "
+        "of a marker that stands off the surface a fourth number, how far"
+    )
 
 
 def _copy_targets(source: Path, target: Path) -> None:

@@ -68,12 +68,14 @@ def mechanism_of(order: Order) -> Mechanism:
 @dataclass(frozen=True)
 class Slip:
     """A marker, by its row among the points, that from `time` s on sits `size` mm further along `axis` (3,),
-    a unit vector, as the structure lies undeformed."""
+    a unit vector, as the structure lies undeformed. turns: it stands off the surface, whose turn it follows
+    as a rigid body does; else it follows the body's own strain."""
 
     row: int
     time: float
     size: float
     axis: Array
+    turns: bool = False
 
 
 @dataclass(frozen=True)

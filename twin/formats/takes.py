@@ -3,8 +3,7 @@
 Of such a step the top alone is known: how the pressure rises, and how the body rings after it, is not. So
 the first row and the mean of the hold are taken, and what still moves in the hold becomes an error of its
 own that its values share. Markers that stay are the base: its rigid motion is taken off. Markers off the
-surface must move with each other rigidly, as on an end cap; then their feet on the surface are what is
-compared.
+surface turn with it.
 """
 
 import re
@@ -25,6 +24,7 @@ from twin.formats.recorded import PIXEL, Recorded
 from twin.formats.supplied import mm_per_unit, turned
 from twin.gauge.pressureunits import in_MPa
 from twin.judging.stillnoise import stated_noise
+from twin.marktables import PointTable
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
 
 PRESSURE = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)[ _-]?(mbar|hPa|kPa|MPa|bar|psi|Pa)(?![A-Za-z])")
@@ -36,7 +36,6 @@ SAME_MM = 1.0  # two feet nearer to each other are one
 EXCHANGED_MM = 5.0  # by how much places at rest must agree better with names exchanged
 STATED_MM = 5.0  # by which stated places may lie elsewhere to each other than the recordings have them
 TOLD_MM = 1.0  # beyond which that is told
-TOGETHER = 5.0  # times the sd, by which distances of markers on a rigid cap may change
 
 
 @dataclass(frozen=True)
@@ -127,8 +126,8 @@ def rigid(a: Array, b: Array) -> tuple[Array, Array]:
 def takes_targets(
     folder: Path, places: Mapping[str, Array], *, case: Case, outside: Integers, sd_mm: float,
     axes: str = "", held_out: Sequence[str] = (),
-) -> tuple[Targets, dict[str, Array], list[str]]:  # fmt: skip
-    """Targets of a folder of recordings, the feet (3,) mm of the markers on the body, and remarks.
+) -> tuple[Targets, dict[str, PointTable], list[str]]:  # fmt: skip
+    """Targets of a folder of recordings, the points that the markers on the body are, and remarks.
 
     places: of the markers on the body (3,) mm, by name. case, outside (f, m): the body and its outer faces.
     held_out: parts of the names of recordings that no fit may see.
@@ -144,16 +143,14 @@ def takes_targets(
     rows = [names.index(name) for name in places]
     stated, more = _as_recorded(takes, rows, places)
     remarks += more
-    feet = np.array([nearest_on_faces(case.element, case.nodes[outside], _half(x, case)) for x in stated])
-    off = np.linalg.norm(np.array([_half(x, case) for x in stated]) - feet, axis=1) > OFF_MM
-    value = moved[:, rows]
-    if off.any():
-        value = _at_feet(value, stated, _back(feet, stated, case), sd_mm)
-        remarks.append(
-            f"{', '.join(np.array(list(places))[off])} lie off the surface. The markers keep their "
-            "distances, so they turn with it rigidly; compared are their feet on the surface."
-        )
-    flip = (stated[:, 1] < 0) & (feet[:, 1] >= 0) & (np.abs(stated[:, 1]) > 1e-6)
+    half = np.array([_half(x, case) for x in stated])
+    feet = np.array([nearest_on_faces(case.element, case.nodes[outside], x) for x in half])
+    off = np.linalg.norm(half - feet, axis=1)
+    value, high = moved[:, rows], off > OFF_MM
+    if high.any():
+        told = ", ".join(f"{name} {mm:.1f}" for name, mm in zip(places, off, strict=True) if mm > OFF_MM)
+        remarks.append(f"Markers off the surface, which turn with it rigidly: {told} mm.")
+    flip = half[:, 1] != stated[:, 1]
     value[:, flip, 1] *= -1.0
     if flip.any():
         remarks.append("Half of the body is meshed: markers at y < 0 stand at their mirror images.")
@@ -168,9 +165,14 @@ def takes_targets(
     )
     drift = np.array([take.drift for take in takes])[:, rows][:, once] / 2
     held = [any(part in take.file for part in held_out) for take in takes]
-    named = {name: foot for name, foot, kept in zip(places, feet, once, strict=True) if kept}
-    noise_sd = float(np.hypot(sd_mm, sd))
-    return _assembled(named, takes, value[:, once], drift, held, noise_sd), named, remarks
+    on = {name: foot for name, foot, kept in zip(places, feet, once, strict=True) if kept}
+    found = _assembled(on, takes, value[:, once], drift, held, float(np.hypot(sd_mm, sd)))
+    table = {
+        name: PointTable(name=name, position_mm=as_position(x), standoff_mm=mm if mm > OFF_MM else None)
+        for name, x, mm, kept in zip(places, half, off.tolist(), once, strict=True)
+        if kept
+    }
+    return found, table, remarks
 
 
 def _base(
@@ -227,33 +229,6 @@ def _as_recorded(
 def _half(x: Array, case: Case) -> Array:
     """A place (3,) mm, or its mirror image where that is what is meshed."""
     return x * [1.0, -1.0, 1.0] if symmetry_support(case) is not None and x[1] < 0 else x
-
-
-def _back(feet: Array, stated: Array, case: Case) -> Array:
-    """Feet (p, 3) mm on the markers' own side."""
-    flip = (stated[:, 1] < 0) & (symmetry_support(case) is not None)
-    return np.where(flip[:, None], feet * [1.0, -1.0, 1.0], feet)
-
-
-def _at_feet(value: Array, stated: Array, feet: Array, sd_mm: float) -> Array:
-    """Displacements (t, p, 3) mm of the feet of markers that move as one rigid body. ValueError where they do
-    not, or are fewer than three."""
-    if len(stated) < BASE:
-        raise ValueError(
-            f"{len(stated)} markers off the surface: wanted three or more that move together, as on an end "
-            "cap, to tell how they turn; or places on the surface"
-        )
-    out = []
-    for u in value:
-        turn, shift = rigid(stated, stated + u)
-        left = float(np.abs(stated @ turn.T + shift - stated - u).max())
-        if left > TOGETHER * sd_mm + 0.02 * float(np.abs(u).max()):
-            raise ValueError(
-                f"markers off the surface do not move together: a rigid motion leaves {left:.2g} mm; wanted "
-                "markers on one stiff part, or places on the surface"
-            )
-        out.append(feet @ turn.T + shift - feet)
-    return np.array(out)
 
 
 def _assembled(

@@ -17,6 +17,7 @@ from twin.effects.protocol import Effect, Test, Unsolvable
 from twin.gravity import ways
 from twin.laws.law import Constants
 from twin.model.enginejobs import EngineJobs
+from twin.model.firstorder import MarkerPoints
 from twin.model.prediction import Model, Solved, Tangents, moved
 from twin.targets import Array
 
@@ -97,12 +98,12 @@ class EngineModel(Model):
 class EnginePaths:
     """As `loadpaths.Turned`, with a job for each candidate and direction of gravity.
 
-    points (p, 3) mm; top: the highest pressure in MPa, which every candidate must reach; gravities (g, 3) and
-    which of them (s,) acts on each step.
+    followed: points that tell where the markers are; top: the highest pressure in MPa, which every candidate
+    must reach; gravities (g, 3) and which of them (s,) acts on each step.
     """
 
     case: Case
-    points: Array
+    followed: MarkerPoints
     top: float
     jobs: EngineJobs
     gravities: Array
@@ -112,24 +113,25 @@ class EnginePaths:
         """Do the jobs of several candidates at a time, before `predict` is asked for each."""
         cases = [self._case(constants) for constants in every]
         for k in np.unique(self.of_step):
-            self.jobs.ahead(cases, self.top, self.gravities[k], at=self.points)
+            self.jobs.ahead(cases, self.top, self.gravities[k], at=self.followed.points)
 
     def predict(
         self, constants: Constants, pressure: Array, *, steps: Integers | None = None
     ) -> Array | None:
-        """Displacements (s, p, 3) mm at pressures (s,) MPa; None where a job fails: `jobs.failed` says
-        why."""
+        """Displacements (s, p, 3) mm of the markers at pressures (s,) MPa; None where a job fails:
+        `jobs.failed` says why."""
         from scipy.interpolate import CubicSpline
 
         number, case = self.of_step if steps is None else self.of_step[steps], self._case(constants)
-        out = np.empty((len(pressure), len(self.points), 3))
+        points = self.followed.points
+        out = np.empty((len(pressure), len(points), 3))
         for k in np.unique(number):
             try:
-                q, u = self.jobs.course(case, self.top, self.gravities[k], at=self.points)
+                q, u = self.jobs.course(case, self.top, self.gravities[k], at=points)
             except Unsolvable:
                 return None
             out[number == k] = CubicSpline(q, u, axis=0)(pressure[number == k])
-        return out
+        return self.followed.seen(out)
 
     def _case(self, constants: Constants) -> Case:
         return self.case.with_material(**constants.terms)

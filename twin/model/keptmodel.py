@@ -15,6 +15,7 @@ from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Order, SeenAtRest, Test
 from twin.gravity import of_targets, pulls_of, shares_of
 from twin.model.discretisation import Discretisation
+from twin.model.firstorder import standoffs
 from twin.model.prediction import Model, Solved
 from twin.targets import Array, Targets
 
@@ -110,7 +111,8 @@ def base_test(targets: Targets, case: Case) -> Test:
         first = targets.rests[targets.reference] == targets.rests[targets.reference[0]]
         places = np.array([point.rest or (np.nan,) * 3 for point in targets.points])
         rest = SeenAtRest(places, targets.reference[first])
-    return Test(case, path, np.nan_to_num(points), moving, targets.names, rest=rest)
+    slips = standoffs(targets)
+    return Test(case, path, np.nan_to_num(points), moving, targets.names, slips=slips, rest=rest)
 
 
 def base_model(targets: Targets, case: Case, *, elasticity: Elasticity | None = None) -> KeptModel:

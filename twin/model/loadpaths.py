@@ -23,6 +23,7 @@ from twin.gravity import under
 from twin.laws.law import Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
 from twin.model.arraycache import ArrayCache, code_digest
+from twin.model.firstorder import MarkerPoints
 from twin.targets import Array
 
 MOST = 2  # numbers of a shape
@@ -134,22 +135,25 @@ class Sheets:
 
 @dataclass(frozen=True)
 class Turned:
-    """Load paths in every direction of gravity, and which of them (s,) acts on each step of the targets."""
+    """Load paths in every direction of gravity, which of them (s,) acts on each step of the targets, and
+    what their points tell of the markers; None: they are the markers."""
 
     ways: tuple[LoadPaths | Sheets, ...]
     of_step: Integers
+    followed: MarkerPoints | None = None
 
     def predict(
         self, constants: Constants, pressure: Array, *, steps: Integers | None = None
     ) -> Array | None:
-        """As `LoadPaths.predict`, at pressures (k,) MPa of the steps (k,), by default all."""
+        """As `LoadPaths.predict`, of the markers, at pressures (k,) MPa of the steps (k,), by default all."""
         number, out = self.of_step if steps is None else self.of_step[steps], []
         for k in np.unique(number):
             u = self.ways[k].predict(constants, pressure[number == k])
             if u is None:
                 return None
             out.append(u)
-        return np.concatenate(out)[np.argsort(np.argsort(number, kind="stable"))]
+        u = np.concatenate(out)[np.argsort(np.argsort(number, kind="stable"))]
+        return u if self.followed is None else self.followed.seen(u)
 
     def limit(self, constants: Constants) -> float:
         """As `LoadPaths.limit`, in the direction of gravity in which it is least."""

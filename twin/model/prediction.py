@@ -463,7 +463,7 @@ def varied(test: Test, solution: Solution, variations: Sequence[Variation]) -> A
     displacements = partial(perturbed, test, solution)
     points = material_points(test, displacements)
     du[:, :, test.moving] = moved_along(test, points, displacements, derivatives(points))
-    return du + slipped(test, derivatives, rigid=False) if test.slips else du
+    return du + slipped(test, derivatives, motion=displacements) if test.slips else du
 
 
 def _slid(test: Test, solution: Solution, change: Direction, slopes: Known | None = None) -> Array:

@@ -22,6 +22,7 @@ from twin.messages import Say
 from twin.model.arraycache import rounded_up
 from twin.model.enginemodel import EnginePaths
 from twin.model.fingertable import table_of
+from twin.model.firstorder import MarkerPoints
 from twin.model.loadpaths import MOST, REDUCED, Turned, load_paths, reach, sheets
 from twin.model.prediction import Model
 from twin.sanity import LEAST_MPA
@@ -224,14 +225,15 @@ def _load_paths(
 ) -> Turned | EnginePaths:
     """The load paths at the points of these rows, under the weight in every direction of gravity; by jobs
     where another program solves the model."""
-    where, table = bench.targets.places(bench.case.position)[rows], table_of(bench.structure)
+    followed, table = MarkerPoints.of(bench.targets, bench.case, rows), table_of(bench.structure)
+    where = followed.points
     gravities, of_step = bench.gravities
     if bench.jobs is not None:
         top, case = float(bench.targets.pressure.max()), under(bench.case, bench.path)
-        return EnginePaths(case, where, top, bench.jobs, gravities[:, :3], of_step)
+        return EnginePaths(case, followed, top, bench.jobs, gravities[:, :3], of_step)
     elasticity = bench.elasticity
     if bench.scales and table and bench.law == MOONEY_RIVLIN and not wide and held is None:
-        return Turned((table.load_paths(bench.case, where),), of_step)
+        return Turned((table.load_paths(bench.case, where),), of_step, followed)
     cache, key, top = bench.store.cache(say), bench.structure.key, REDUCED
     highest = rounded_up(max(float(bench.targets.pressure.max()), LEAST_MPA))
     if not isinstance(bench.structure.body, BuiltIn):  # REDUCED is of fingers alone
@@ -241,11 +243,11 @@ def _load_paths(
     outside = [bench.path.under(g) for g in gravities]
     if bench.scales:
         alone = (load_paths(bench.case, where, bench.law, **how, outside=row) for row in outside)
-        return Turned(tuple(alone), of_step)
+        return Turned(tuple(alone), of_step, followed)
     low, high = elasticity.scales
     # softer ones do not reach the top pressure: the table need not hold them
     scales = min(max(low, highest / top), 0.9 * high), high
     paths = tuple(
         sheets(bench.case, where, bench.law, **how, scales=scales, outside=row) for row in outside
     )
-    return Turned(paths, of_step)
+    return Turned(paths, of_step, followed)

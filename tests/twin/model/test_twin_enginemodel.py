@@ -21,6 +21,7 @@ from twin.effects.protocol import Unsolvable
 from twin.laws.mooneyrivlin import NOMINAL, mooney_rivlin
 from twin.model.enginejobs import FRUITLESS, Done, EngineJobs
 from twin.model.enginemodel import EngineModel, EnginePaths
+from twin.model.firstorder import MarkerPoints
 from twin.model.keptmodel import base_model
 from twin.model.structure import base_case, of_deck
 from twin.targets import Array, PointKind, TargetPoint, Targets
@@ -191,7 +192,7 @@ def test_a_job_that_fails_is_told_kept_and_tried_again(
     coarsest_case: Case, jobs: EngineJobs, program: Formula
 ) -> None:
     program.reaches = 0.05  # of p / C
-    paths = EnginePaths(coarsest_case, coarsest_case.nodes[-3:], 0.02, jobs, np.zeros((1, 3)), np.zeros(2, int))
+    paths = EnginePaths(coarsest_case, MarkerPoints(coarsest_case.nodes[-3:], ()), 0.02, jobs, np.zeros((1, 3)), np.zeros(2, int))
     at = np.array([0.01, 0.02])
     assert paths.predict(mooney_rivlin(0.2, 0.1), at) is None
     (said,) = jobs.failed
@@ -318,7 +319,7 @@ def test_jobs_done_together_are_those_done_one_after_the_other(
     costs, told = [], []
     for together in (None, backwards):
         jobs = EngineJobs(program, "1", Kept(), tmp_path / str(together), together)
-        paths = EnginePaths(coarsest_case, x, 0.02, jobs, np.zeros((1, 3)), np.zeros(3, np.int64))
+        paths = EnginePaths(coarsest_case, MarkerPoints(x, ()), 0.02, jobs, np.zeros((1, 3)), np.zeros(3, np.int64))
         program.jobs.clear()
         paths.ahead(candidates)
         ahead = len(program.jobs)
