@@ -33,7 +33,7 @@ def asked_ranges(
 
     over: texts NAME=LOW:HIGH; top: pressure in MPa. ValueError for a name or range that does not exist.
     """
-    ranges = dict(_range(text) for text in over)
+    ranges = dict(range_of(text) for text in over)
     if not ranges or len(ranges) < len(over):
         raise ValueError("--over: wanted what is varied, each once, such as --over C10=0.15:0.25 --over "
                          "top_wall_mm=1.6:2.4")  # fmt: skip
@@ -55,7 +55,8 @@ def asked_ranges(
     return finger, variables, [s for s in (remark, leaves) if s]
 
 
-def _range(text: str) -> tuple[str, tuple[float, float]]:
+def range_of(text: str) -> tuple[str, tuple[float, float]]:
+    """The name and ends of NAME=LOW:HIGH. ValueError where it is none."""
     number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
     match = re.fullmatch(rf"\s*([\w.]+)\s*=\s*({number})\s*:\s*({number})\s*", text, re.I)
     if match is None or not float(match[2]) < float(match[3]):

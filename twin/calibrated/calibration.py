@@ -263,7 +263,9 @@ class Diagnosed(Report):
             {"effect": h.effect.label, "score": float(h.z), "evidence": h.evidence, "note": h.note}
             for h in diagnosis.ranking
         ]
-        return Diagnosed(said=DiagnosisRecord.of(diagnosis).lines, rows=tuple(rows), diagnosis=diagnosis)
+        following = f"Next test: {diagnosis.next_test}." if diagnosis.next_test else ""
+        said = filter(None, (*DiagnosisRecord.of(diagnosis).lines, following))
+        return Diagnosed(said=tuple(said), rows=tuple(rows), diagnosis=diagnosis)
 
     @property
     def verdict(self) -> str:
@@ -293,7 +295,7 @@ def diagnose(
     from what the library has. Source of the evidence: docs/how-it-decides.md.
     """
     if isinstance(fit, Simulator):
-        return _of_simulator(fit, data, effects, seed=seed, stand_ins=stand_ins, say=say or Silent())
+        return _of_simulator(fit, data, effects, seed=seed, stand_ins=stand_ins, say=say)
     problem = fit.problem
     if data is not None and not np.array_equal(data.value, problem.targets.value, equal_nan=True):
         raise ValueError("data: not those of the fit; wanted the same table: calibrate with these first")
@@ -313,7 +315,7 @@ def diagnose(
 
 def _of_simulator(
     simulator: Simulator, data: Targets | None, effects: Sequence[str | Effect], *, seed: int,
-    stand_ins: bool, say: Say,
+    stand_ins: bool, say: Say | None,
 ) -> Diagnosed:  # fmt: skip
     if data is None:
         raise ValueError("data: none; wanted the targets of twin.read_table(...) beside a simulator")

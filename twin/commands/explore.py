@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from twin.bench.engines import check_embedded
 from twin.bench.explorationranges import asked_ranges
 from twin.calibrated.exploration import FieldResponse, FingerAnswer, VariedFinger, farthest, tasks_of
 from twin.calibrated.predictions import pressure_of
+from twin.commands.exploredesign import export_design
 from twin.drawing.fitplots import EffectPanel, draw_effects
 from twin.executors.local import current
 from twin.experiments.designs import MainEffects, Variable, levels_of, main_effects, sobol_design
@@ -93,12 +95,17 @@ def run_explore(
     seed: Annotated[int, Option(help="seed of the design")] = 1,
     pressure: Annotated[str, Option(help="such as 30kPa; by default the highest of the film")] = "",
     whole: Annotated[bool, Option("--whole", help="solve every run, in place of a response")] = False,
+    export: Annotated[str, Option(metavar="FILE", help="write the design for a program of your own, and "
+        "solve nothing")] = "",
 ) -> dict[str, Any]:
     """Bending, displacement of the tip and highest stretch of the finger over ranges of constants, amplitudes
     of effects and dimensions; and which of them bends it most.
 
-    ValueError for a variable that there is not, a range that is none, and where no run has an answer.
+    export: a file for the design alone, whose names are those of somebody's program. ValueError for a
+    variable that there is not, a range that is none, and where no run has an answer.
     """
+    if export:
+        return export_design(over, Path(export), say, runs=runs, seed=seed)
     check_embedded(project, "twin explore")
     top = _pressure(project, pressure)
     finger, variables, remarks = asked_ranges(project, over, top)

@@ -126,6 +126,21 @@ class UnevenBody(StandIn):
             f"{percent(much)} of its whole bend"
         )
 
+    def variant(self, theta: Theta) -> str:
+        """The change of a simulator that would do as much: the part of the length about the hinge that turns
+        most, and by how much it is softer, what it turns more over its share of an even bend.
+
+        >>> e = UnevenBody()
+        >>> e.variant({p.name: x for p, x in zip(e.parameters, (0.0375, 0.0, -0.01))})
+        'with the walls about 10 % thinner from 0 % to 38 % of its length'
+        """
+        k = int(np.abs(self.numbers(theta)).argmax())
+        between = (np.array(self.HINGES[1:]) + self.HINGES[:-1]) / 2
+        start, end = np.array([0.0, *between, 1.0])[k : k + 2]
+        softer = self.numbers(theta)[k] / (end - start)
+        where = f"from {percent(start)} to {percent(end)} of its length"
+        return f"with the walls about {percent(softer)} {way(softer, 'thinner', 'thicker')} {where}"
+
 
 def candidates(test: Test, variants: Sequence[Variant] = ()) -> tuple[Effect, ...]:
     """The effects that a foreign model can have: its variants, creep, and those of the library that ask for

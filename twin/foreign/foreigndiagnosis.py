@@ -11,16 +11,24 @@ from twin.effects.protocol import Effect, Unsolvable
 from twin.foreign.courseeffects import candidates, plain_stand_ins
 from twin.foreign.foreignmodel import WIDER, ForeignModel
 from twin.foreign.programs import Simulator, nominal
-from twin.messages import Say
+from twin.foreign.slowruns import watched
+from twin.foreign.wantedruns import wanted_run
+from twin.messages import Say, Silent
 from twin.targets import Targets
 
 
 def diagnosed(
-    simulator: Simulator, data: Targets, *, effects: Sequence[Effect], seed: int, stand_ins: bool, say: Say
+    simulator: Simulator, data: Targets, *, effects: Sequence[Effect], seed: int, stand_ins: bool,
+    say: Say | None,
 ) -> Diagnosis:
     """The diagnosis of a simulator, fitted to data from the start of each parameter, or the middle of its
-    bounds. effects: candidates, by default all that it can have. ValueError where it fails at its start, or
-    scatters by more than the noise."""
+    bounds; its next test is the run that is wanted of it.
+
+    effects: candidates, by default all that it can have. say: None tells on stderr how far a slow simulator
+    is, and nothing else. ValueError where it fails at its start or everywhere beside it, or scatters by more
+    than the noise.
+    """
+    simulator = watched(simulator, say)
     model, start = ForeignModel.of(simulator, data), nominal(simulator.parameters)
     try:
         scatter = simulator.scatter(start | simulator.absent, model.stated, len(data.points))
@@ -30,10 +38,15 @@ def diagnosed(
         data, model = rougher(data, scatter), ForeignModel.of(simulator, data, wider=WIDER)
     every = tuple(effects) or candidates(model.test, simulator.variants)
     generic = plain_stand_ins(model.test) if stand_ins else ()
-    return procedure.diagnose(
-        model, every, data, seed=seed, start=model.theta(start), beside=generic, plan=False,
-        progress=say.progress,
-    )  # fmt: skip
+    try:
+        found = procedure.diagnose(
+            model, every, data, seed=seed, start=model.theta(start), beside=generic, plan=False,
+            progress=(Silent() if say is None else say).progress,
+        )  # fmt: skip
+    except Unsolvable as error:
+        wanted = "wanted bounds of its parameters within which it answers"
+        raise ValueError(f"{error}, and so it does beside that; {wanted}") from None
+    return replace(found, next_test=wanted_run(found))
 
 
 def rougher(data: Targets, scatter: float) -> Targets:

@@ -9,7 +9,7 @@ import numpy as np
 
 from fe import Path
 from twin.effects.mechanism import Mechanism
-from twin.effects.protocol import Effect, Order, Test, Theta
+from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
 from twin.foreign.courseeffects import NoStructure, VariantEffect
 from twin.foreign.programs import Simulator
 from twin.model.prediction import STEP, Model, Solved, Tangents
@@ -18,6 +18,7 @@ from twin.targets import Array, Targets
 NUDGE = 0.1  # of a parameter's typical step, for differencing the simulator: 1 % of a modulus
 PRESSED = 0.01  # of the highest pressure, for the same
 WIDER = 10.0  # times that where the simulator's answers scatter
+Asked = tuple[Theta, Test]  # a question: values by name, and the test with its pressures
 
 
 class Given(Effect):
@@ -136,10 +137,24 @@ class ForeignModel(Model):
         u = self.simulator.at(own, _pressure(test), self.stated, len(self.test.points))
         return np.where(self.test.moving[:, None], u, 0.0)
 
+    def _two(self, sides: Sequence[Asked], middle: Asked) -> list[tuple[Asked, Array]]:
+        """Two questions with their answers (s, p, 3) mm: both sides, or that side at which the simulator does
+        not fail, and the middle. Raises Unsolvable where it fails at both."""
+        found: list[tuple[Asked, Array]] = []
+        for side in sides:
+            try:
+                found.append((side, self._answer(*side)))
+            except Unsolvable as error:
+                why = error
+        if not found:
+            raise why
+        return found if len(found) > 1 else [*found, (middle, self._answer(*middle))]
+
     def _per_pressure(self, values: Theta, test: Test) -> Array:
         little = self.wider * PRESSED * float(np.abs(test.path.pressure).max())
-        ends = [self._answer(values, _pressed(test, sign * little)) for sign in (1.0, -1.0)]
-        return np.asarray((ends[0] - ends[1]) / (2 * little))
+        sides = [(values, _pressed(test, more)) for more in (little, -little)]
+        ((_, a), one), ((_, b), other) = self._two(sides, (values, test))
+        return np.asarray((one - other) / (a.path.pressure[0] - b.path.pressure[0]))
 
     def _column(self, values: dict[str, float], k: int, u: Array, test: Test) -> Array:
         """The derivative (s, p, 3) of what is seen by parameter k."""
@@ -150,14 +165,15 @@ class ForeignModel(Model):
             sides = [
                 {**values, p.name: float(np.clip(values[p.name] + way * h, p.low, p.high))} for way in (1, -1)
             ]
-            tests = [test, test]
-            ends = [self._answer(side, test) for side in sides]
+            ends = self._two([(side, test) for side in sides], (values, test))
         else:
             sides = [{**values, p.name: values[p.name] + way * STEP * p.step} for way in (1, -1)]
-            tests, slope = [self.put(side) for side in sides], self._per_pressure(values, test)
-            ends = [u + slope * (_pressure(there) - _pressure(test))[:, None, None] for there in tests]
-        plus, minus = (self.seen(*each) for each in zip(ends, tests, sides, strict=True))
-        return np.asarray((plus - minus) / (sides[0][p.name] - sides[1][p.name]))
+            slope = self._per_pressure(values, test)
+            asked = [(side, self.put(side)) for side in sides]
+            ends = [(q, u + slope * (_pressure(q[1]) - _pressure(test))[:, None, None]) for q in asked]
+        ((a, there), one), ((b, beside), other) = ends
+        change = self.seen(one, there, a) - self.seen(other, beside, b)
+        return np.asarray(change / (a[p.name] - b[p.name]))
 
 
 def _pressure(test: Test) -> Array:

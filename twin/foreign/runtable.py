@@ -2,14 +2,17 @@
 
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibrate import Parameter
 from calibrate.parameters import bounds
+from twin.csvtable import read_table
 from twin.foreign.programs import Simulator, Values, Variant, in_words, nominal
-from twin.targets import Array
+from twin.table import DataTable
+from twin.targets import Array, Targets
 
 if TYPE_CHECKING:
     from scipy.interpolate import RBFInterpolator
@@ -36,6 +39,63 @@ def design(parameters: Sequence[Parameter], count: int, *, seed: int = 0) -> lis
     points = (points - points.min(axis=0)) / np.maximum(np.ptp(points, axis=0), 1e-12)  # up to the bounds
     names, rows = [p.name for p in parameters], low + points * (high - low)
     return [nominal(parameters), *(dict(zip(names, row, strict=True)) for row in rows.tolist())]
+
+
+def table_of(runs: Sequence[Values]) -> DataTable:
+    """A row a run: its number from 1 on, and its values by name.
+
+    >>> print(table_of([{"E": 0.2, "nu": 0.45}, {"E": 0.3, "nu": 0.4}]).csv(digits=4), end="")
+    run,E,nu
+    1,0.2,0.45
+    2,0.3,0.4
+    """
+    return DataTable(("run", *runs[0]), [(k, *run.values()) for k, run in enumerate(runs, start=1)])
+
+
+def read_runs(
+    design: str | Path,
+    answers: str | Path,
+    parameters: Sequence[Parameter],
+    data: Targets,
+    *,
+    variants: Sequence[Variant | Parameter] = (),
+) -> Simulator:
+    """The simulator of a design that somebody's program has run, for `twin.diagnose(simulator, data)`.
+
+    design: the file of `twin explore --export`, a row a run, with a column for each parameter and variant.
+    answers: a file with a row a run and step of the data, in their order: its number in the column run, and
+    displacements such as tip_x_mm; a direction that the data do not see may be left out. ValueError names
+    what is missing.
+    """
+    own = tuple(v if isinstance(v, Variant) else Variant(v) for v in variants)
+    names = [p.name for p in (*parameters, *(v.parameter for v in own))]
+    table = _columns(Path(design), ("run", *names))
+    seen = {
+        f"{name}_{axis}_mm": (k, i)
+        for k, name in enumerate(data.names)
+        for i, axis in enumerate("xyz")
+        if data.valid[:, k, i].any() and not data.fixed[k]
+    }
+    told = _columns(Path(answers), ("run", *seen))
+    numbers, steps = table["run"], len(data.time)
+    u = np.zeros((len(numbers), steps, len(data.points), 3))
+    for n, number in enumerate(numbers):
+        rows = told["run"] == number
+        if rows.sum() != steps:
+            raise ValueError(
+                f"{answers}: run {number:g} has {rows.sum()} rows; wanted {steps}, one for each step of the "
+                "data, in every run of the design"
+            )
+        for column, (k, i) in seen.items():
+            u[n, :, k, i] = told[column][rows]
+    runs = [{name: float(table[name][n]) for name in names} for n in range(len(numbers))]
+    return of_runs(parameters, runs, u, variants=own)
+
+
+def _columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
+    """Columns (rows,) of finite numbers of a CSV file by name. ValueError where one is missing."""
+    table = read_table(path, wanted)
+    return {name: table.numbers(name, unit="its unit") for name in wanted}
 
 
 def of_runs(
