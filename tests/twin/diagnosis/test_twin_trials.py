@@ -6,6 +6,7 @@ from typing import Any
 from benchmarks import ROOT
 from benchmarks.diagnosis.tally import VERDICT, covered_by, sample, strangers
 from benchmarks.diagnosis.trialbench import Spec, attempted
+from benchmarks.docs import rates
 
 import pytest
 
@@ -35,6 +36,15 @@ def test_trials_of_the_tables_have_today_the_verdict_that_is_published() -> None
     rows = sampled()
     assert len(rows) > 2
     assert differing(rows[:: len(rows) // 2]) == []
+
+
+def test_docs_tell_the_rates_of_the_table() -> None:
+    table = json.loads((RESULTS / "identify.json").read_text(encoding="utf-8"))
+    assert rates.differing(table) == []
+    table["strangers"]["known"]["named"] += 0.5
+    assert len(rates.differing(table)) == 1
+    with pytest.raises(ValueError, match=r"README.md has no sentence 'How sure"):
+        rates.renewed("nothing", next(t for t in rates.TOLD if t.file == "README.md"), table)
 
 
 @pytest.mark.slow
