@@ -16,8 +16,8 @@ from twin.messages import Silent
 from twin.project.folder import Project
 
 GROUP = "bodies"  # and which body
-BODIES = {  # as `twin virtual --body` takes them; they bend by 6 and 8 mm
-    "tube": "tube:length_mm=120,offset_mm=2.5,chamber_width_mm=9,chamber_height_mm=9,fibre_N_per_mm=2",
+BODIES = {  # as `twin virtual --body` takes them; they bend by 3 and 8 mm
+    "tube": "tube:length_mm=140,offset_mm=1.2,chamber_width_mm=12,chamber_height_mm=12",
     "pneunet": "pneunet:chambers=3",
 }
 KINDS_OF_BODIES = (  # that a film without weight can show, on any body with a chamber
