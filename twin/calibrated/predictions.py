@@ -18,7 +18,7 @@ from twin.gauge.pressureunits import in_MPa, unit_of
 from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.model.prediction import Model
-from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
+from twin.targets import Array, Load, PointKind, TargetPoint, Targets, as_position
 
 GAP = 60.0  # s at rest before every course: what creeps has nearly come back
 TOO_MUCH = 1.0  # MPa: no soft finger has it
@@ -31,13 +31,14 @@ LOW, HIGH = "end, low", "end, high"  # two points of the end face, whose turn is
 class WantedCourse:
     """Pressure (t,) MPa over time (t,) s, from 0 s on, the times (s,) s that are wanted, and the direction of
     gravity (3,), None: that of the film's first block. shares: what of the pressure surfaces carry; none: as
-    there."""
+    there. loads: what hangs on the finger, of whatever block; None: as there."""
 
     time: Array
     pressure: Array
     output: Array
     gravity: Array | None = None
     shares: Mapping[str, float] = field(default_factory=dict)
+    loads: tuple[Load, ...] | None = None
 
     @staticmethod
     def held(
@@ -47,10 +48,12 @@ class WantedCourse:
         hold_s: float,
         gravity: Array | None = None,
         shares: Mapping[str, float] | None = None,
+        loads: tuple[Load, ...] | None = None,
     ) -> "WantedCourse":
         """A ramp to a pressure in MPa, which is then held; wanted is its end."""
         time = np.cumsum([0.0, ramp_s, hold_s])
-        return WantedCourse(time, np.array([0.0, pressure, pressure]), time[-1:], gravity, shares or {})
+        course = np.array([0.0, pressure, pressure])
+        return WantedCourse(time, course, time[-1:], gravity, shares or {}, loads)
 
     @staticmethod
     def logged(time: Array, pressure: Array, *, most: int) -> "WantedCourse":
@@ -112,6 +115,8 @@ def predicted(
         rows = slice(done + 1, done + 1 + len(course.output))  # the first is the rest before it
         done = rows.stop
         pressure = np.interp(course.output, course.time, course.pressure)
+        # what hangs on it has pulled the rest before it already
+        before = [rows.start - 1] if course.loads is None else targets.reference.tolist()
         out.append(Prediction(
             time=course.output,
             pressure=pressure,
@@ -121,15 +126,15 @@ def predicted(
             beyond=pressure > tested,
             angle=angle[rows],
             angle_sd=np.sqrt((turns[:, rows] ** 2).sum(axis=0)),
-            shape=_shape(solution.fields, rows)[:, :node_count],
+            shape=_shape(solution.fields, rows, before)[:, :node_count],
             why=why_none(record),
         ))  # fmt: skip
     return out
 
 
-def _shape(fields: Callable[[list[int]], Array], rows: slice) -> Array:
-    """Displacements (s, n, 3) mm of all nodes in these rows, relative to the rest before them."""
-    return np.asarray(fields(list(range(rows.start, rows.stop))) - fields([rows.start - 1]))
+def _shape(fields: Callable[[list[int]], Array], rows: slice, rest: list[int]) -> Array:
+    """Displacements (s, n, 3) mm of all nodes in these rows, relative to those at rest."""
+    return np.asarray(fields(list(range(rows.start, rows.stop))) - fields(rest).mean(axis=0))
 
 
 def interval(value: float, sd: float, why: str) -> tuple[float, float] | None:
@@ -207,7 +212,8 @@ def after(
     time, pressure, block = (np.concatenate(x) for x in zip(*step, strict=True))
     more, n = len(time) - s, len(courses)
     first_steps = np.searchsorted(block, np.arange(last + 1, last + 1 + n))
-    again = [load for load in targets.loads if load.block == 0]
+    again = tuple(load for load in targets.loads if load.block == 0)
+    hung = [again if course.loads is None else course.loads for course in courses]
     gravity = targets.gravity
     if gravity is not None:
         ways = [gravity[0] if course.gravity is None else course.gravity for course in courses]
@@ -233,7 +239,7 @@ def after(
         pressure_sd=longer(targets.pressure_sd, 0.0),
         gravity=gravity, shares=shares,
         noises=(*targets.noises, *targets.noises[:1] * n),
-        loads=(*targets.loads, *(replace(load, block=last + 1 + k) for k in range(n) for load in again)),
+        loads=(*targets.loads, *(replace(load, block=last + 1 + k) for k in range(n) for load in hung[k])),
     )  # fmt: skip
 
 

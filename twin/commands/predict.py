@@ -31,6 +31,7 @@ from twin.commands.predictobject import (
     pushed,
     told,
 )
+from twin.commands.predictweights import loads_of_words, weight_notes
 from twin.drawing.deformed import write_vtu_series
 from twin.drawing.uncertaintyplots import draw_prediction
 from twin.effects.loads import Gravity
@@ -115,25 +116,27 @@ def run_predict(
     gravity: Annotated[str, Option(help="its direction X,Y,Z, if other than in the film")] = "",
     shares: Annotated[Sequence[str], Option(
         help="of several chambers, what of the pressure one carries, LEFT=1.0")] = (),
+    weight: Annotated[Sequence[str], Option(help="g that hang at a point, such as tip=20")] = (),
     blocked: Annotated[bool, Option(
         "--blocked", help="also the force of the finger whose end is kept at its height")] = False,
     object: Annotated[str, Option(  # noqa: A002 - as it is typed
         help="also the force on a rigid object: cylinder:d=40,x=70,z=-30 (mm)")] = "",
 ) -> dict[str, Any]:
-    """Displacements of points and the turn of the tip, each with its 95 % interval, under held pressures or
-    along the course of a log; or at the pressures that give wanted displacements."""
+    """Displacements of points and the turn of the tip, each with its 95 % interval, under held pressures,
+    hung weights or along the course of a log; or at the pressures that give wanted displacements."""
     if object and inverse:
         raise ValueError("--object: wanted --pressure or --course beside it, not --inverse")
     object_text = "" if inverse else object or project.config.model.object or ""
     obstacle = RigidObject.of(object_text) if object_text else None
     motions = [Wanted.of(text) for text in inverse]
-    courses = _courses(pressure, course, motions, ramp_s=ramp_s, hold_s=hold_s)
+    courses = _courses(pressure, course, motions, ramp_s=ramp_s, hold_s=hold_s, hung=bool(weight))
     if blocked and not pressure:
         raise ValueError("--blocked: wanted a pressure beside it, such as --pressure 20kPa")
     check_embedded(project, "twin predict")
     bench = Workbench.of(project)
     load: dict[str, Any] = {"gravity": _gravity(bench, gravity)}
     load["shares"] = shares_of_words(bench.targets, shares)
+    load["loads"] = loads_of_words(bench.targets, weight)
     courses = [replace(each, **load) for each in courses]
     if obstacle is not None:
         beside(bench.model(), courses[0], obstacle)  # refuses before anything is solved
@@ -143,6 +146,7 @@ def run_predict(
     extra = {
         "pressure": list(pressure), "inverse": list(inverse), "at": list(at), "ramp_s": ramp_s,
         "hold_s": hold_s, "gravity": gravity, "blocked": blocked, "object": object, "shares": list(shares),
+        "weight": list(weight),
     }  # fmt: skip
     with project.new_run("predict", inputs=inputs, extra=extra) as run:
         say.progress("predict", 0, 1)
@@ -199,15 +203,20 @@ def _lines(record: PredictionRecord, *, as_table: bool) -> Iterator[str]:
 
 
 def _courses(
-    pressure: Sequence[str], course: Path | None, motions: Sequence[Wanted], *, ramp_s: float, hold_s: float
-) -> list[WantedCourse]:
-    """Courses of the pressure that are asked for; none for --inverse. ValueError unless exactly one of
-    --pressure, --course and --inverse is given."""
+    pressure: Sequence[str], course: Path | None, motions: Sequence[Wanted], *, ramp_s: float, hold_s: float,
+    hung: bool = False,
+) -> list[WantedCourse]:  # fmt: skip
+    """Courses of the pressure that are asked for; none for --inverse, one without pressure where something is
+    hung. ValueError unless exactly one of --pressure, --course and --inverse is given, or none beside a
+    weight."""
     options = [bool(pressure), course is not None, bool(motions)]
+    if hung and not any(options):
+        return [WantedCourse.held(0.0, ramp_s=ramp_s, hold_s=hold_s)]
     if sum(options) != 1:
         raise ValueError(
             "wanted one of --pressure, such as --pressure 20kPa, once for each, --course with a pressure "
-            f"log, and --inverse, such as --inverse tip.U3=-40; {sum(options) or 'none'} of them are given"
+            "log, --inverse, such as --inverse tip.U3=-40, and --weight, such as --weight tip=20, which also "
+            f"goes with the others; {sum(options) or 'none'} of them are given"
         )
     check_times(ramp_s, hold_s)
     if course is not None:
@@ -339,7 +348,7 @@ def _notes(bench: Workbench, courses: Sequence[WantedCourse], predictions: Seque
             "seen the silicone's law there. The intervals there include a stiffening that the film could not "
             "show, but no contact and no buckling."
         )
-    out += filling_notes(t, courses[0].shares, asked_for)
+    out += [*filling_notes(t, courses[0].shares, asked_for), *weight_notes(t, courses[0])]
     fast, faster = (
         _rate(t.log_time, t.log_pressure),
         max(_rate(course.time, course.pressure) for course in courses),

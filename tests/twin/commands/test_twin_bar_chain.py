@@ -10,14 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fe import Case
 from fe.mesh.finger import NAMED_NODES
 from fe.mesh.points import nearest
 from tests.messages import Lines
 from tests.twin.conftest import plain_targets
 from twin.bodies.bar import BarTable
+from twin.calibrated.predictions import WantedCourse
 from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
 from twin.commands.init import run_init
+from twin.commands.predict import run_predict
+from twin.commands.predictweights import loads_of_words, weight_notes
 from twin.effects.material import Elasticity
 from twin.laws.catalogue import LAWS
 from twin.model.keptmodel import base_model
@@ -33,28 +37,57 @@ TRUTH = 0.12  # MPa, C10
 NAMES = ("tip", "middle")
 
 
-def measured() -> Targets:
-    """How places of a bar, on a finer mesh, move once 5 and then 10 g hang from its end."""
+def measured_shape() -> Targets:
+    """The test that `measured` fills: 5 and then 10 g hang from the bar's end."""
     time, own = np.arange(12.0), body_case(BAR, BAR.lattice)
-    finer = body_case(BAR, BAR.finer(BAR.lattice)["check"]).with_material(density=DENSITY)
-    places = np.array([nearest(finer, own.position(NAMED_NODES[n])) for n in NAMES])
+    places = np.array([nearest(truth(), own.position(NAMED_NODES[n])) for n in NAMES])
     points = (*(TargetPoint(n, PointKind.PLACE, None, tuple(map(float, x))) for n, x in zip(NAMES, places, strict=True)),
               TargetPoint("fixed", PointKind.FIXED, None, (0.0, 0.0, 30.0)))  # fmt: skip
     shape = (len(time), len(points), 3)
     end = (60.0, 0.0, 6.0)
-    t = plain_targets(
+    return plain_targets(
         time=time, pressure=np.zeros(12), log_time=time, log_pressure=np.zeros(12), value=np.zeros(shape),
         block=np.repeat([0, 1, 2], 4), held_out=np.zeros(12, bool), points=points, valid=np.ones(shape, bool),
         covariance=np.tile(SD**2 * np.eye(3), (12, 3, 1, 1)), modes=np.zeros((0, *shape)),
         reference=np.arange(4), pressure_sd=np.zeros(12), gravity=np.tile([0.0, 0.0, -1.0], (3, 1)),
         loads=(Load(1, end, weight_g=5.0), Load(2, end, weight_g=10.0)),
     )  # fmt: skip
-    model = base_model(t, finer, elasticity=Elasticity(LAWS["neo-hooke"]))
+
+
+def truth() -> Case:
+    """The bar on a finer mesh."""
+    return body_case(BAR, BAR.finer(BAR.lattice)["check"]).with_material(density=DENSITY)
+
+
+def measured() -> Targets:
+    """How places of a bar, on a finer mesh, move."""
+    t = measured_shape()
+    model = base_model(t, truth(), elasticity=Elasticity(LAWS["neo-hooke"]))
     value = model.predict(model.theta({"C10": TRUTH}))
-    noise = np.random.default_rng(2).normal(0.0, SD, shape)
+    noise = np.random.default_rng(2).normal(0.0, SD, t.value.shape)
     told = Noise(sd=np.full((3, 3), SD), rho=np.zeros((3, 3)), correlation=np.eye(9), frames=300,
                  codec_sd=np.zeros((3, 3)), gauge_sd_MPa=0.0, gauge_frames=300)  # fmt: skip
     return replace(t, value=value + noise, noise=told)
+
+
+def test_a_weight_is_asked_for_by_its_place_and_grams() -> None:
+    t = measured_shape()
+    assert loads_of_words(t, ()) is None
+    assert loads_of_words(t, ("tip=7", "60,0,6=2.5")) == (Load(0, "tip", weight_g=7.0), Load(0, (60.0, 0.0, 6.0), weight_g=2.5))
+    for text in ("tip", "fixed=7", "60,0=7", "tip=-1", "tip=0", "=7"):
+        with pytest.raises(ValueError, match=r"wanted a point \(tip, middle\) or x,y,z in mm, and the grams"):
+            loads_of_words(t, (text,))
+    with pytest.raises(ValueError, match="no direction of gravity"):
+        loads_of_words(replace(t, gravity=None), ("tip=7",))
+    with pytest.raises(ValueError, match="relative to its own rest"):
+        loads_of_words(replace(t, reference=np.array([0, 4, 8])), ("tip=7",))
+
+
+@pytest.mark.parametrize(("grams", "told"), [(10.0, []), (12.0, ["12 g hang on it, and more than the 10 g in the test"])])
+def test_a_weight_beyond_those_of_the_test_is_told(grams: float, told: list[str]) -> None:
+    course = WantedCourse.held(0.0, ramp_s=1.0, hold_s=1.0, loads=(Load(0, "tip", weight_g=grams),))
+    notes = weight_notes(measured_shape(), course)
+    assert [note.partition(":")[0] for note in notes] == told
 
 
 @pytest.mark.slow
@@ -73,3 +106,10 @@ def test_a_bar_is_calibrated_by_the_weights_that_hang_from_it(tmp_path: Path, sa
     compared = run_compare(project, say)
     assert compared["p_value"] > 1e-3
     assert compared["raw_rms_mm"] < 1.5 * SD
+    seen = run_predict(project, say, weight=("60,0,6=10",))["points"]
+    hung = measured().value[8:12].mean(axis=0)
+    for k, name in enumerate(NAMES):  # as the block of 10 g was measured: four steps with SD, and the fit's own error
+        row = next(r for r in seen if r["point"] == name)
+        np.testing.assert_allclose(row["u_mm"], hung[k], atol=4 * SD)
+        assert row["pressure_MPa"] == 0.0
+    assert not any("nobody has seen" in line for line in say.lines)
