@@ -49,6 +49,13 @@ def test_modes_are_shares_of_what_the_effect_adds_relative_to_the_reference() ->
     np.testing.assert_allclose(constant[5:, :POINTS], 0.5, rtol=1e-9)  # the amplitude: all of U1
 
 
+def test_modes_do_not_depend_on_where_the_clock_begins() -> None:
+    t, theta = targets(BASE[0], seed=0), np.array([1.3, 0.5])
+    late = replace(t, time=t.time + 1000.0, log_time=t.log_time + 1000.0)
+    (now,), (then,) = (law_errors(MODEL, theta, one) for one in (t, late))  # type: ignore[arg-type]
+    np.testing.assert_allclose(then.modes, now.modes, atol=1e-9)  # 1000 s is rounded at 1e-13 of a second
+
+
 @pytest.mark.parametrize("law", LEVELS[1:])
 def test_levels_are_what_the_whole_covariance_gives(law: float) -> None:
     t = targets(BASE[0], seed=0)
