@@ -3,6 +3,7 @@
 Each function returns a sentence that names a fault and its likely cause, or "".
 """
 
+import os
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +31,7 @@ FAR = 0.2  # displacement over length from which a bent finger is drawn back
 FORTH = 0.25  # of u3^2 / length: more than any finger lengthens beside that
 APART, FASTER = 0.15, 1.5  # share of the length between two points; times more may the nearer one move
 LONG_H, MANY = 3.0, 50  # h and steps of a test whose times are likely in ms
+HELD = 7  # times the shared errors of all values are in memory during a fit (docs/records/engines.md)
 ON_PLANE_MM = 1e-6
 OFF_NODE_MM = 3.0  # a marker from its node: room for its thickness and for a rough reading
 
@@ -157,8 +159,30 @@ def motion_fault(targets: Targets, case: "Case", *, bends_down: bool) -> str:
 
 def doubts(targets: Targets, case: "Case") -> tuple[str, ...]:
     """Doubts about targets, one sentence each: points that may be exchanged, times in another unit, loads on
-    a body without weight."""
-    return tuple(filter(None, (_overtaken(targets, case), _late(targets), _weightless(targets, case))))
+    a body without weight, more errors than the memory holds."""
+    found = _overtaken(targets, case), _late(targets), _weightless(targets, case), _too_many(targets)
+    return tuple(filter(None, found))
+
+
+def _too_many(targets: Targets) -> str:
+    """Doubt about targets whose shared errors a fit cannot hold in the memory of this computer."""
+    values, errors, most = int(targets.valid.sum()), len(targets.modes), memory_of_computer()
+    wanted = HELD * 8.0 * errors * values  # bytes
+    if wanted < most:
+        return ""
+    return (
+        f"A fit of these targets holds {errors} errors that many of their {values} values share: some "
+        f"{wanted / 1e9:.0f} GB, where this computer has {most / 1e9:.0f} GB. State fewer `steps` under "
+        "[measure] of twin.toml and measure again."
+    )
+
+
+def memory_of_computer() -> float:
+    """Memory of this computer in bytes; infinite where the system does not tell."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, ValueError, OSError):  # Windows has no such call
+        return float("inf")
 
 
 def _weightless(targets: Targets, case: "Case") -> str:
