@@ -135,6 +135,9 @@ def test_a_smooth_misfit_is_seen_and_placed(course: Path) -> None:
     assert [row["name"] for row in data["maps"]["marker"]] == [*NAMES, "fixed0", "fixed1"]
     assert [row["name"] for row in data["maps"]["direction"]] == ["U1", "U3"]
     assert {row["name"] for row in data["maps"]["branch"]} == set(BRANCHES)
+    bands = [row["name"].removesuffix(" kPa").split(" to ") for row in data["maps"]["pressure"]]
+    assert [low for low, _ in bands[1:]] == [high for _, high in bands[:-1]]  # one begins where the other ends
+    assert float(bands[-1][1]) == pytest.approx(30.0, abs=1.0)  # the top pressure; 0.3 kPa is the gauge's sd
 
 
 def test_where_it_fails_is_where_the_most_is_beyond_noise(course: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from calibrate import Parameter
 from calibrate.robust import scale_of
 from tests.twin.judging.test_twin_judged import Spring
-from twin.judging.fitting import ModelErrors
+from twin.judging.fitting import ModelErrors, whitened
 from twin.judging.judged import Judged, judge
 from twin.judging.likelihood import (
     GROSS,
@@ -47,6 +47,27 @@ def draw(make_targets: Callable[..., Targets], make_noise: Callable[..., Noise])
         return replace(quiet, value=value, **changes)
 
     return drawn
+
+
+def test_where_a_model_has_no_equilibrium_a_fit_may_not_go(draw: Callable[..., Targets]) -> None:
+    targets = draw(0)
+    model = Spring(targets, solvable=0.2)
+    derivatives = model.jacobian
+
+    def solved(theta: Array) -> Array:
+        model.predict(theta)  # raises where there is no equilibrium, as whole models do
+        return derivatives(theta)
+
+    model.jacobian = solved  # type: ignore[method-assign]
+    w = ModelErrors.of(model, TRUE, targets).whitener(targets)  # type: ignore[arg-type]
+    residual, jacobian, _ = whitened(model, targets, w)  # type: ignore[arg-type]
+    z = residual(TRUE)
+    assert z is not None
+    assert jacobian(TRUE).shape == (len(z), 2)
+    beyond = np.array([0.1, 5.0])
+    assert residual(beyond) is None
+    assert jacobian(beyond).shape == (len(z), 2)
+    assert np.isnan(jacobian(beyond)).all()
 
 
 def judged(t: Targets) -> Judged:
