@@ -69,7 +69,7 @@ len(mine.runs)
 
 # %%
 base, kept = found.diagnosis.base, found.diagnosis.kept
-figure, axes = plt.subplots(figsize=(8, 3), layout="constrained")
+figure, axes = plt.subplots(figsize=(8, 3.8), layout="constrained")
 tip = data.names.index("tip")
 for label, fit in (("bending alone", base), ("with pressure_lag", kept)):
     rest = data.value - fit.model.predict(fit.fit.theta)  # (steps, points, 3) mm
