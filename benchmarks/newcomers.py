@@ -9,6 +9,7 @@ and coordinates are typed into twin.toml, and how far the tip is off in mm and i
 `notebook`: the example of docs/python.md, run twice; `deck`: the calibrated finger as an Abaqus deck, made a
 project again; `prediction`: what `predict` and `export` are asked; `own effect`: the example of
 docs/own-effect.md. Of each: how many commands, how many were refused, and the processor's seconds.
+`motion capture of an arm`: recordings of a real pneumatic arm, a file a pressure, from `$SOFTTWIN_DATA`.
 `export_tip_error` is how far ccx and the model are apart at the tip, of its displacement (null without ccx).
 About eight minutes.
 """
@@ -29,6 +30,7 @@ sys.path.insert(0, os.path.abspath(f"{__file__}/../.."))
 from benchmarks import ROOT
 from benchmarks.chain import STAGES, TWIN, fresh
 from benchmarks.commandline import options, processor
+from benchmarks.kernel.arm import Arm
 from benchmarks.tracking.own_film import SINKS, write_recordings
 
 import numpy as np
@@ -36,6 +38,7 @@ import numpy as np
 from fe import Lattice, Material
 from fe import Path as Course
 from fe.engines.calculix import CalculiX
+from fe.engines.writer import deck as deck_text
 from twin import files, virtual
 from twin.bench.fits import fit_file
 from twin.bench.workbench import Workbench
@@ -53,6 +56,8 @@ from twin.validation import decoded, value_text
 
 CREEP = ((0.06, 3.0),)  # hidden in the table: 6 % of the stiffness relax with 3 s
 PRESSED = "10kPa"
+RECORDINGS = Path(os.environ.get("SOFTTWIN_DATA", ROOT.parent / "shared" / "data")) / "pneumatic_arm"
+BALLS = ("m5=100,-26.5,-9.6", "m6=100,0,-28.2", "m7=100,26.5,-9.6")  # mm, as a user reads them off the arm
 SHEET, RULERS = "raw/frame.toml", (249.1, 160.5)  # mm, as a printer may have them that is off by 0.4 %
 READ = [249.2, 160.4]  # as they are read
 DIMENSIONS = {
@@ -188,6 +193,20 @@ def own_table(folder: Path) -> list[str]:
     return ["init", "my-own", "--targets", "own.csv", *finger, "--sd-mm", "0.02", *nodes]
 
 
+def motion_capture(walk: Walk) -> None:
+    """Recordings of a pneumatic arm, a file a pressure, with balls off its skin; all but three held out."""
+    (walk.folder / "arm.inp").write_text(deck_text(Arm(cells=(4, 1, 1)).case(), 0.01), encoding="utf-8")
+    files_of_arm = sorted(file.name for file in RECORDINGS.glob("*.csv"))
+    others = [file for file in files_of_arm if not any(f"{mbar}mbar" in file for mbar in (100, 200, 300))]
+    held = [word for file in others for word in ("--hold-out", file)]
+    nodes = [word for node in BALLS for word in ("--node", node)]
+    walk.twin("init", "my-arm", "--targets", str(RECORDINGS), "--pressure-from", "name", "--sd-mm", "0.05",
+              "--axes=x,-y,-z", "--deck", "arm.inp", *nodes, *held)  # fmt: skip
+    for command in ("look", "check", "calibrate", "compare", "diagnose"):
+        walk.twin(command, "-p", "my-arm")
+    walk.twin("predict", "-p", "my-arm", "--pressure", "15kPa")
+
+
 def notebook(walk: Walk) -> None:
     """The example of docs/python.md on a finished project, twice."""
     page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
@@ -245,10 +264,10 @@ def own_effect(walk: Walk) -> None:
 
 PATHS: dict[str, Callable[[Walk], None]] = {
     "sheet": sheet, "film": film, "new batch": new_batch, "table": table, "notebook": notebook, "deck": deck,
-    "prediction": prediction, "own effect": own_effect,
+    "prediction": prediction, "own effect": own_effect, "motion capture of an arm": motion_capture,
 }  # fmt: skip
 
-ALONE = {"sheet", "table"}  # need no film measured before them
+ALONE = {"sheet", "table", "motion capture of an arm"}  # need no film measured before them
 
 
 # -- figures beside -----------------------------------------------------------------------------------------
@@ -300,9 +319,9 @@ def main() -> int:
     if typed.json:
         print(json.dumps({"paths": found, "export_tip_error": error}))
     else:
-        print(f"{'path':14s} commands  refused   cpu_s")
+        print(f"{'path':24s} commands  refused   cpu_s")
         for name, row in found.items():
-            print(f"{name:14s} {row['commands']:8d} {row['refused']:8d} {row['cpu_s']:7.1f}")
+            print(f"{name:24s} {row['commands']:8d} {row['refused']:8d} {row['cpu_s']:7.1f}")
         print(f"export_tip_error: {error}")
     return int(any(row["refused"] for row in found.values()))
 

@@ -4,7 +4,8 @@
 
 Published: length, radius, outer wall, square bore and its wall, end cap. Not published, and assumed: ribs of
 2.3 mm between the chambers, a cap at the clamp like that at the tip, a bore that is open at both ends, square
-corners. The half y >= 0 is meshed; the upper chamber carries the pressure.
+corners. The half y >= 0 is meshed; the upper chamber carries the pressure. The wall of the bore is the
+surface `strain_limiting_layer`, on which the effect of this name lies.
 """
 
 import os
@@ -18,11 +19,12 @@ from benchmarks.commandline import options
 import numpy as np
 
 from fe import Case, Material
-from fe.element import Array, Flags
+from fe.element import Array, Flags, Integers
 from fe.engines.writer import deck
 from fe.mesh.extruding import between, extruded, grid_quads, hollow_case
 
 SILICONE = Material(C10=0.03, C01=0.014, density=1.07e-9)  # E 0.264 MPa as published, 1070 kg/m3
+FRAME_MPA = 100.0  # C10 of a frame: any that is far stiffer than silicone serves
 MARKS = {4401: (100.0, 0.0, -22.2), 5848: (50.0, 0.0, -22.2)}
 
 
@@ -37,6 +39,7 @@ class Arm:
     inner: float = 2.27  # wall between bore and chambers
     rib: float = 2.3
     cap: float = 6.93
+    framed: bool = False  # a stiff frame holds the cap at the tip
     cells: tuple[int, int, int] = (8, 2, 1)
 
     def case(self, material: Material = SILICONE) -> Case:
@@ -51,7 +54,24 @@ class Arm:
             extruded(quads, x).reshape(-1, 27, 3), ~hollow.ravel(), material=material, marks=MARKS,
             placed=lambda p: np.column_stack([p[:, 0], self._placed(p[:, 1:])]),
         )  # fmt: skip
-        return _only_above(case)
+        case = _only_above(case)
+        case = replace(case, surfaces={**case.surfaces, "strain_limiting_layer": self._bore_wall(case)})
+        return self._in_frame(case, material) if self.framed else case
+
+    def _bore_wall(self, case: Case) -> Integers:
+        """The faces (f, 2) of the wall of the bore."""
+        faces = case.surfaces["outside"]
+        x = case.nodes[case.nodes_of_faces(faces)]
+        inside = np.hypot(x[..., 1], x[..., 2]).max(axis=1) < self.bore * np.sqrt(2) + 0.1
+        return np.asarray(faces[inside & (np.ptp(x[..., 0], axis=1) > 0)])
+
+    def _in_frame(self, case: Case, material: Material) -> Case:
+        """The case whose cap at the tip is as stiff as plastic is beside silicone."""
+        x = case.nodes[case.connectivity][..., 0].mean(axis=1)
+        cap = x > self.length - self.cap
+        sets = {"body": np.flatnonzero(~cap), "frame": np.flatnonzero(cap)}
+        stiff = replace(material, C10=FRAME_MPA, C01=0.0)
+        return replace(case, element_sets=sets, materials={"body": material, "frame": stiff}, kept=("frame",))
 
     @property
     def _edge(self) -> float:
