@@ -22,9 +22,12 @@ BASE, FIELDS = smooth_field(1), {name: smooth_field(10 + k) for k, name in enume
 EFFECTS = tuple(toy_effect(name) for name in FIELDS)
 
 
-def searched(truth: Array, *, fields: dict[str, Array] | None = None) -> list[Hypothesis]:
+def searched(
+    truth: Array, *, fields: dict[str, Array] | None = None, more: tuple[Effect, ...] = ()
+) -> list[Hypothesis]:
     t = targets(1.3 * BASE[0] + truth, seed=0)
-    task = Task(Toy({"base": BASE, **FIELDS, **(fields or {})}), EFFECTS, (), t, 0, lambda *a: None)  # type: ignore[arg-type]
+    model = Toy({"base": BASE, **FIELDS, **(fields or {})})
+    task = Task(model, (*EFFECTS, *more), (), t, 0, lambda *a: None)  # type: ignore[arg-type]
     return task.searched(task.base(np.array([1.0])))
 
 
@@ -32,6 +35,17 @@ def test_who_cannot_come_near_is_not_refitted() -> None:
     rows = searched(0.3 * FIELDS["alpha"][0])
     assert [h.label for h in rows if h.refit is not None] == ["alpha"]
     assert {h.label for h in rows} == {"alpha", "beta", "gamma"}  # all are told
+
+
+@pytest.mark.parametrize(("hidden", "tried"), [("nothing", False), ("alpha", False), ("rough", True)])
+def test_what_takes_whole_solves_is_tried_where_nothing_else_fits(hidden: str, tried: bool) -> None:
+    rough, field = toy_effect("rough"), smooth_field(40)
+    type(rough).smooth = False
+    fields = {**FIELDS, "rough": field, "nothing": 0.0 * field}
+    rows = searched(0.3 * fields[hidden][0], fields={"rough": field}, more=(rough,))
+    (found,) = [h for h in rows if h.label == "rough"]
+    assert (found.refit is not None) is tried
+    assert (found.note == shortlist.LATE) is not tried
 
 
 def test_who_comes_near_is_refitted_too() -> None:
