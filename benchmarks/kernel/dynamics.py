@@ -6,7 +6,9 @@ beam_theory: the largest relative difference to Timoshenko's beam, two vibration
 without a mass at the tip. ccx_frequency: that to CalculiX's *FREQUENCY about rest and about a dead load, its
 own element on one deck. Of the pressurised finger, ccx_answer: the relative difference of what a small force
 at the tip moves, and ccx_perturbation: that of the first frequency by *STEP, PERTURBATION, whose tangent has
-not the follower pressure of its static steps. --quick: a finger of one bellow, not three.
+not the follower pressure of its static steps. Time steps, on a beam that is let go: order, by which power of
+the step the error falls; energy: the largest change of a large vibration's energy, over it; ccx_dynamic: the
+largest difference from CalculiX's *DYNAMIC, over the amplitude. --quick: a finger of one bellow, not three.
 """
 
 import os
@@ -20,6 +22,7 @@ sys.path.insert(0, os.path.abspath(f"{__file__}/../../.."))
 from benchmarks.commandline import whole
 from benchmarks.kernel.beams import DENSITY, Beam
 from benchmarks.kernel.convergence import SHORT, SILICONE
+from benchmarks.kernel.freemotions import BEAM, CELLS, against_calculix, bent, energy, let_go, off_a_cosine
 from benchmarks.kernel.vibrations import theirs
 
 import numpy as np
@@ -49,7 +52,7 @@ def beam_theory() -> float:
     return worst
 
 
-def against_calculix(case: Case) -> dict[str, float | None]:
+def frequencies_of_calculix(case: Case) -> dict[str, float | None]:
     """Relative differences to CalculiX; none of them where it is not installed."""
     pulled = replace(case, forces={"tip_face": PULL}, pressurised=None)
     with tempfile.TemporaryDirectory() as scratch:
@@ -81,12 +84,28 @@ def answer(case: Case) -> float:
     return abs(size[1] / size[0] - 1)
 
 
+def time_steps() -> dict[str, float | None]:
+    """The figures of time steps; ccx_dynamic None where CalculiX is not installed."""
+    case = BEAM.case(CELLS)
+    errors = [off_a_cosine(case, steps=n, radius=0.8) for n in (40, 80)]
+    large, _ = let_go(case, bent(case, 1e-2), periods=2.0, steps=80, radius=1.0)
+    total = energy(case, large)
+    change = float(np.abs(total / total[0] - 1).max())
+    out = {"order": float(np.log2(errors[0] / errors[1])), "energy": change}
+    with tempfile.TemporaryDirectory() as scratch:
+        try:
+            return {**out, "ccx_dynamic": against_calculix(3e-3, Path(scratch))}
+        except FileNotFoundError:
+            return {**out, "ccx_dynamic": None}
+
+
 def figures(quick: bool) -> dict[str, Any]:
     """The figures by name."""
     x = 10 + 100 / 9
     stub = Finger(length=x, bellows=1, tip_node=(x, 11.5, 0.0), middle_node=(x / 2, 11.5, 0.0))
     finger = finger_case(replace(SILICONE, density=DENSITY), finger=stub if quick else SHORT, lattice=COARSE)
-    return {"beam_theory": beam_theory(), **against_calculix(converted(finger, "C3D20RH"))}
+    theirs = frequencies_of_calculix(converted(finger, "C3D20RH"))
+    return {"beam_theory": beam_theory(), **theirs, **time_steps()}
 
 
 if __name__ == "__main__":

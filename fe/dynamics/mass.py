@@ -44,6 +44,23 @@ def rule(element: Element) -> tuple[Array, Array]:
     return np.stack([a, (1 - a) * b, (1 - a) * (1 - b) * c], 1), weights / 8 * (1 - a) ** 2 * (1 - b)
 
 
+def element_masses(case: Case) -> Array:
+    """Masses (e, m, m) in tonne between the m nodes of every element, the same along x, y and z: the integral
+    of density N_a N_b. ValueError for densities that are not positive."""
+    density = case.per_element("density")
+    if not (density > 0).all():
+        name = next(k for k, m in case.materials.items() if not m.density > 0)
+        raise ValueError(
+            f"density of {name!r} {case.materials[name].density:g} tonne/mm3: wanted a positive one, as "
+            "vibrations need the mass; state it (silicone has about 1.07e-9)"
+        )
+    points, weights = rule(case.element)
+    N, dN = case.element.shape(points)
+    jacobian = np.einsum("eai,qaJ->eqiJ", case.nodes[case.connectivity], dN, optimize=True)
+    weight = density[:, None] * np.linalg.det(jacobian) * weights
+    return np.asarray(np.einsum("eq,qa,qb->eab", weight, N, N, optimize=True))
+
+
 def mass_matrix(
     case: Case, attached: Sequence[Attached] = (), *, components: Sequence[int] = (0, 1, 2)
 ) -> sp.csr_matrix:
@@ -55,19 +72,7 @@ def mass_matrix(
     attached mass lies on the plane of symmetry, and half of it counts. ValueError for densities that are not
     positive, and for an attached place that `fe.solver.loadings.spread` refuses.
     """
-    density = case.per_element("density")
-    if not (density > 0).all():
-        name = next(k for k, m in case.materials.items() if not m.density > 0)
-        raise ValueError(
-            f"density of {name!r} {case.materials[name].density:g} tonne/mm3: wanted a positive one, as "
-            "vibrations need the mass; state it (silicone has about 1.07e-9)"
-        )
-    points, weights = rule(case.element)
-    N, dN = case.element.shape(points)
-    rows, size = case.connectivity, len(case.nodes)
-    jacobian = np.einsum("eai,qaJ->eqiJ", case.nodes[rows], dN, optimize=True)
-    weight = density[:, None] * np.linalg.det(jacobian) * weights
-    block = np.einsum("eq,qa,qb->eab", weight, N, N, optimize=True)
+    block, rows, size = element_masses(case), case.connectivity, len(case.nodes)
     r, c = np.broadcast_arrays(rows[:, :, None], rows[:, None])
     nodal = sp.csr_matrix((block.ravel(), (r.ravel(), c.ravel())), shape=(size, size))
     out = sp.kron(nodal, sp.eye(3), format="csr")

@@ -12,6 +12,7 @@ from fe.element import Array, Flags
 from fe.kernel.assembly import ElementConstants, Geometry, Kernel, Linearised, Memory, State
 from fe.kernel.compiled import PointTangents
 from fe.kernel.contact import ObstacleFaces
+from fe.kernel.inertia import InertiaForces
 from fe.kernel.layer import LayerFaces
 from fe.kernel.selfcontact import SelfFaces
 from fe.kernel.systems import addition, coupled
@@ -43,7 +44,8 @@ EXACT = 0.01  # of TOLERANCE is what such corrections may leave, as Newton's las
 class Problem:
     """A case prepared for solving: kernel (shared by cases with equal mesh and supports), constants, dead
     forces (n, 3) N, forces growing with the pressure (n, 3) N/MPa or None, prescribed displacements (k,) mm
-    at the supported degrees of freedom, obstacle (`plane`) and self-contact (`walls`)."""
+    at the supported degrees of freedom, obstacle (`plane`) and self-contact (`walls`); in a time step the
+    forces of inertia."""
 
     kernel: Kernel
     constants: ElementConstants
@@ -55,6 +57,7 @@ class Problem:
     plane: ObstacleFaces | None
     walls: SelfFaces | None = None
     growing: Array | None = None
+    inertia: InertiaForces | None = None
 
     @staticmethod
     def of(case: Case, kernel: Kernel | None = None) -> "Problem":
@@ -74,9 +77,9 @@ class Problem:
         )  # fmt: skip
 
     @property
-    def faces(self) -> tuple[LayerFaces | ObstacleFaces | SelfFaces, ...]:
-        """Layers, obstacle and self-contact: all surface forces besides the pressure."""
-        return tuple(f for f in (*self.layers, self.plane, self.walls) if f is not None)
+    def faces(self) -> tuple[LayerFaces | ObstacleFaces | SelfFaces | InertiaForces, ...]:
+        """Layers, obstacle, self-contact and inertia: all forces besides the solid's and the pressure."""
+        return tuple(f for f in (*self.layers, self.plane, self.walls, self.inertia) if f is not None)
 
     @property
     def proportional(self) -> bool:
@@ -168,7 +171,7 @@ class Problem:
         """True if its symmetric tangent consists of solid elements, pressure and self-contact alone."""
         clamp = self.case.clamp
         held = bool(self.layers) or self.plane is not None or bool(clamp and clamp.compliance)
-        return self.kernel.symmetric and not held
+        return self.kernel.symmetric and not held and self.inertia is None
 
     @property
     def has_weight(self) -> bool:
