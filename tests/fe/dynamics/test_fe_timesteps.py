@@ -122,3 +122,11 @@ def test_what_time_steps_cannot_follow_is_refused() -> None:
         transient(case, replace(path, gravity=np.zeros((2, 3))))
     with pytest.raises(ValueError, match=r"density of .*: wanted a positive one"):
         transient(case.with_material(density=0.0), path)
+
+
+def test_what_was_held_for_long_stays_at_rest() -> None:
+    case = beam(((0.2, 0.3),))
+    held = bent(case, 1e-3)
+    path = Path(np.array([0.0, 2.0]), np.zeros(2), np.array([0.5, 2.0]), places=held.places, pulls=held.pulls)
+    still = transient(case, path)
+    assert np.abs(still.u - at_rest(case, held).state.u).max() < 1e-5 * np.abs(still.u).max()
