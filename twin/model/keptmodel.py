@@ -82,8 +82,8 @@ class KeptModel(Model):
         perturbs = [e.order == Order.COURSE for e in model.effects for _ in e.parameters]
         change = here - near.theta
         if any(perturbs):  # they move no curve, and have directions beside those of the parameters
-            change = np.where(perturbs, 0.0, change)
-            change = np.append(change, np.zeros(len(near.solution.slopes) - len(change)))
+            more = len(near.solution.slopes) - len(change)  # a solve of values alone has no directions at all
+            change = np.append(np.where(perturbs, 0.0, change), np.zeros(max(more, 0)))
         return near.solution.ahead(change)
 
     def _nearest(self, theta: Array) -> Solved | None:

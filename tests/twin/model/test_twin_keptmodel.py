@@ -9,6 +9,8 @@ import pytest
 
 from fe import Case
 from twin.effects.library import effect
+from twin.effects.protocol import Order
+from twin.effects.standins import stand_ins
 from twin.model import prediction
 from twin.model.keptmodel import KEPT, SAME, KeptModel, base_model
 from twin.model.prediction import Model
@@ -124,3 +126,15 @@ def test_what_is_only_drawn_has_no_derivatives_and_is_not_kept(pure: Model) -> N
     assert found.jacobian is None
     assert model.kept == ()
     np.testing.assert_allclose(found.u, model.predict(theta), rtol=0, atol=SAME)
+
+
+def test_what_comes_by_a_course_of_its_own_is_solved_after_a_solve_without_derivatives(pure: Model) -> None:
+    """A solve of values alone is no start ahead, and no error: that of a force that comes late."""
+    (late, *_) = (e for e in stand_ins(pure.test) if e.order == Order.COURSE)
+    model = remembering(pure).with_effect(late)
+    assert isinstance(model, KeptModel)
+    here, there = (model.theta({**BASE, **{p.name: x for p in late.parameters}}) for x in (0.01, 0.02))
+    model.values(here)
+    after = model.solved(there, derivatives=True)
+    np.testing.assert_allclose(after.u, model.drawn(there).u, rtol=0, atol=SAME)
+    assert np.abs(after.u - model.values(here).u).max() > 10 * SAME
