@@ -27,7 +27,7 @@ Progress = Callable[[str, int, int], None]
 DETECTED = 0.01  # after multiplicity
 REACH = 12.0  # of 2 ln B: so far behind the best refit a hypothesis may be to first order and is refitted,
 BENT = 0.1  # and by this share of the best one's evidence more: so wrong the first order may be
-FAR = 0.5  # the same share where no effect fits without law errors: it may bend in its own size
+FAR = 0.5  # the same share where no effect fits: it may bend in its own size
 FURTHER = 2  # effects that are refitted then
 PAIRED = 10.0  # by which several together must beat the best single to first order to be refitted
 SHARE = 0.15  # and by this share of its evidence where they do not fit without law errors
@@ -109,11 +109,11 @@ class Task:
         able = [h for h in rows if not h.note and h.gain > 0 and (wrong or h.p_value < DETECTED)]
         refits = Refits(self, base, starts=({**self.model.named(self.nominal)},) if base.at_bound else ())
         refits.run(able)
-        if wrong and not any(h.exact and not h.kind for h in refits.done):
+        if wrong and not refits.fits:
             others = {h.physics for h in refits.done}
             refits.run([h for h in able if not h.kind and h.physics not in others], most=FURTHER, bent=FAR)
         rough = [e for e in self.absent if not e.smooth]
-        if wrong and not any(h.adequate and not h.kind for h in refits.done):
+        if wrong and not refits.fits:
             late = self._screened(base, rough)
             refits.run([h for h in late if not h.note and h.gain > 0])
         else:
@@ -235,6 +235,11 @@ class Refits:
     tried: set[str] = field(default_factory=set)
     best: Hypothesis | None = None
     view: Judged | None = None
+
+    @property
+    def fits(self) -> bool:
+        """Whether an effect fits, be it with law errors."""
+        return any(h.adequate and not h.kind for h in self.done)
 
     def run(self, rows: Sequence[Hypothesis], *, most: int = MOST, bent: float = BENT) -> None:
         """Refit these, the physics that promises most first, while one may come within reach of the best, the

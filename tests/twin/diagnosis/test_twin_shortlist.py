@@ -54,7 +54,7 @@ def test_who_comes_near_is_refitted_too() -> None:
     assert {h.label for h in rows if h.refit is not None} == {"alpha", "beta"}
 
 
-def test_who_promises_half_as_much_is_refitted_where_no_effect_fits_exactly() -> None:
+def test_who_promises_half_as_much_is_refitted_where_no_effect_fits() -> None:
     """beta has 0.64 of what alpha promises, gamma 0.25: one of a bent size may be beta, not gamma."""
     drawn = np.array([BASE, FIELDS["alpha"], *(smooth_field(k) for k in (91, 92, 93))])
     columns, _ = np.linalg.qr(drawn.reshape(len(drawn), -1).T)
@@ -62,7 +62,7 @@ def test_who_promises_half_as_much_is_refitted_where_no_effect_fits_exactly() ->
     fields = {"alpha": alpha, "beta": 0.8 * alpha + 0.6 * beside, "gamma": 0.5 * alpha + 0.87 * other}
     inexact = searched(0.3 * alpha[0] + 0.1 * rest[0], fields=fields)
     assert {h.label for h in inexact if h.refit is not None and len(h.effects) == 1} == {"alpha", "beta"}
-    assert not any(h.exact for h in inexact if len(h.effects) == 1)
+    assert not any(h.adequate for h in inexact if len(h.effects) == 1)
     exact = searched(0.3 * alpha[0], fields=fields)
     assert [h.label for h in exact if h.refit is not None] == ["alpha"]
 
