@@ -75,8 +75,10 @@ def opened(batch: Path, coarsest: BuiltIn) -> OpenedProject:
 
 def test_the_examples_of_the_page_run_as_they_stand(batch: Path, coarsest: BuiltIn, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     examples = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
-    assert [len(example.splitlines()) <= 12 for example in examples] == [True] * 4
-    del examples[:2]  # a fit without a folder: test_twin_calibration.py; a program of one's own: examples/my_simulator.py
+    assert [len(example.splitlines()) <= 12 for example in examples] == [True] * 5
+    # a fit without a folder: test_twin_calibration.py; a program of one's own: examples/my_simulator.py; a table of
+    # its runs: test_twin_runtable.py
+    del examples[:3]
     monkeypatch.chdir(batch.parent)
     monkeypatch.setattr(twin, "open_project", lambda folder: notebook.open_project(folder, builtin=coarsest), raising=False)
     found: dict[str, object] = {}
