@@ -121,7 +121,7 @@ TOLD = (
          "effect {} in {} verdicts have a second",
          together),
     Told(LIMITS,
-         "in a tube or a pneunet {} of {} films have a wrong name alone",
+         "in a pneunet {} of {} films have a wrong name alone",
          lambda t: [t["bodies"]["wrong"], t["bodies"]["n"]]),
     Told(LABORATORY,
          "in this release has {} of them",

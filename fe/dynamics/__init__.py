@@ -1,6 +1,6 @@
 """Natural vibrations about a loaded state, and motions in time.
 
-Read `mass` (consistent mass, with masses at points), `loading` (an equilibrium under a held load, with the
-tangent that a vibration feels there), `vibration` (frequencies, shapes, damping) and `timesteps` (a motion
-along a path, by an equilibrium with inertia in each step) in this order.
+Read `mass` first: the consistent mass, with masses at points. `loading` is an equilibrium under a held load,
+with the tangent that a vibration feels there; `vibration` has frequencies, shapes and damping. `timesteps`
+follows a motion along a path: each step is an equilibrium with inertia.
 """

@@ -11,7 +11,7 @@ import numpy as np
 
 from fe.case import Case
 from fe.dynamics.loading import HeldLoad, at_rest
-from fe.dynamics.mass import element_masses, mass_matrix
+from fe.dynamics.mass import element_masses
 from fe.element import Array
 from fe.kernel.assembly import Response, State
 from fe.kernel.inertia import InertiaForces
@@ -23,6 +23,7 @@ from fe.solver.newton import Equilibrium, Problem, equilibrium
 GROWTH = 1.5  # by which a step may be longer than the last one
 WANTED = 0.5  # of the tolerance, that the next step is made for
 LEAST = 1e-6  # s: a step that must be shorter has no end
+FIRST = 1 / 64  # of the longest step: short, as the first one takes the acceleration before it for none
 PRECISION = 1e-10  # of the structure's size: an acceleration is a small difference of displacements
 
 
@@ -150,8 +151,7 @@ def inertia_of(case: Case) -> InertiaForces:
     dofs = (case.connectivity[:, :, None] * 3 + np.arange(3)).reshape(len(case.connectivity), -1)
     nodal = element_masses(case)
     blocks = np.einsum("eab,ij->eaibj", nodal, np.eye(3)).reshape(*dofs.shape, dofs.shape[1])
-    none = np.zeros_like(case.nodes)
-    return InertiaForces(dofs, blocks, mass_matrix(case), case.nodes, scale=0.0, ahead=none)
+    return InertiaForces(dofs, blocks, case.nodes, scale=0.0, ahead=np.zeros_like(case.nodes))
 
 
 def _crept(problem: Problem, u: Array) -> Past:
@@ -180,14 +180,15 @@ class _March:
         """The motion from an instant to the end of the path."""
         seen, steps, errors, reason = [start], [], [], "converged"
         ends = self._ends()
-        now, dt, last = start, min(self.longest, self._first()), None
+        now, dt, last = start, FIRST * self.longest, None
         while now.time < ends[-1] - 1e-12:
             dt = min(dt, self._room(now.time, ends))
             after, found, error = self._tried(now, dt, last)
             if after is None or error > self.tolerance:
                 dt, last = dt / 2, None
                 if dt < LEAST:
-                    reason = f"no step from {now.time:.6g} s on: {found.reason}"
+                    why = found.reason if after is None else f"it errs by {error:.2g} mm however short it is"
+                    reason = f"no step from {now.time:.6g} s on: {why}"
                     break
                 continue
             steps.append(dt)
@@ -206,10 +207,6 @@ class _March:
         last = min(float(self.path.output[-1]), float(t[-1]))
         inside = t[1:-1][corner]
         return np.append(inside[inside < last], last)
-
-    def _first(self) -> float:
-        """The first step in s: short, as it takes the acceleration before it for none."""
-        return self.longest / 64
 
     def _room(self, time: float, ends: Array) -> float:
         """The time in s to the next corner."""

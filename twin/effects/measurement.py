@@ -40,8 +40,8 @@ class CameraBreathing(Family):
 
     Positions P, from the markers' middle at rest, are seen at P + (scale m + square m^2) (P - c), with m
     from 0 to 1 the mean displacement of all moving markers along its largest, over that; square from two
-    terms on. With three terms the place (along, 0, up) of c is free, as a picture grows about the lens's
-    axis, wherever that points; else it is 0.
+    terms on. With three terms the place (along, 0, up) of c is free: a picture grows about the lens's axis,
+    wherever that points. Else c is 0.
     """
 
     name, order = "camera_breathing", Order.CAMERA

@@ -1,5 +1,6 @@
 """Motions in time against closed forms, statics and the vibrations about rest."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path as Folder
@@ -109,7 +110,7 @@ def test_the_tangent_of_inertia_is_the_derivative_of_its_force() -> None:
 
 def test_a_scheme_tells_its_own_damping() -> None:
     assert Scheme.of(1.0).damping(0.5) == pytest.approx(0.0, abs=1e-12)
-    # the leading term of the method: (1 - radius) / (2 (1 + radius))^3 ... grows with the cube of the step
+    # of second order: what it damps falls with the cube of the step
     small, large = (Scheme.of(0.5).damping(x) for x in (0.05, 0.1))
     assert large == pytest.approx(8 * small, rel=0.02)
 
@@ -130,3 +131,12 @@ def test_what_was_held_for_long_stays_at_rest() -> None:
     path = Path(np.array([0.0, 2.0]), np.zeros(2), np.array([0.5, 2.0]), places=held.places, pulls=held.pulls)
     still = transient(case, path)
     assert np.abs(still.u - at_rest(case, held).state.u).max() < 1e-5 * np.abs(still.u).max()
+
+
+def test_a_tolerance_that_no_step_keeps_is_the_reason_that_is_told() -> None:
+    case = beam()
+    path = Path(np.array([0.0, 1.0]), np.zeros(2), np.array([0.0, 1.0]))
+    found = transient(case, path, held=bent(case, 1e-3), tolerance=1e-12)
+    assert not found.converged
+    assert re.fullmatch(r"no step from 0 s on: it errs by \S+ mm however short it is", found.reason)
+    assert found.time.tolist() == [0.0]
