@@ -39,6 +39,7 @@ def fresh(source: Path, folder: Path) -> None:
 def cost(folder: Path, stage: str) -> float | None:
     """Seconds of the processor that a stage takes; None where it ends with an error, which is told."""
     env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    env["PYTHONDONTWRITEBYTECODE"] = ""  # as of a user: else each stage compiles its packages again
     began = processor()
     told = subprocess.run([*TWIN, stage, "-p", str(folder)], env=env, capture_output=True, text=True)
     if told.returncode:

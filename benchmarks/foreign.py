@@ -4,8 +4,10 @@ And the calibrated finger given back to other simulators: does its tip follow?
     python benchmarks/foreign.py [--quick] [--json] [--only models targets] [--programs arcs rod calculix]
         [--project FOLDER]   some minutes
 
-models: `arcs`, a rod of constant curvature; `rod`, an elastic line that stretches, bends and weighs; and, if
-`ccx` is installed, `calculix`, a PneuNet of two chambers in its 20-node elements. Data come from the same
+models: `arcs`, a rod of constant curvature; `rod`, an elastic line that stretches, bends and weighs; if it is
+installed, `mujoco`, a chain of hinges and slides there; and, if `ccx` is, `calculix`, a PneuNet of two
+chambers in its 20-node elements, and `roof`, the same beside our own model of a like body, with neo-Hooke
+silicone: the roof of the truth's last chamber is thinner or thicker. Data come from the same
 physics in finer steps or on a finer mesh, with an effect that is hidden by code of its own
 (lag and creep step by step, the picture through a pinhole) and noise. `taper`, a stiffness that falls along
 the body, is hidden twice: where the program can have it by a parameter, and where it cannot.
@@ -20,6 +22,7 @@ film_error (the same from the film), cover, load_error (of what a force at the t
 pyelastica` for all of them. The project is copied first.
 """
 
+import importlib.util
 import json
 import os
 import shutil
@@ -27,11 +30,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, os.path.abspath(f"{__file__}/../.."))
-from benchmarks import ccxfinger
+from benchmarks import ccxfinger, mujocofinger
 from benchmarks.commandline import options
 
 import numpy as np
@@ -45,11 +49,12 @@ from twin.effects.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
-PLACES = {"a": (25.0, 0.0, 2.0), "b": (50.0, 0.0, -2.0), "c": (75.0, 0.0, 2.0), "tip": (100.0, 0.0, -4.0)}
+PLACES = mujocofinger.PLACES
 X, _, Z = np.array(list(PLACES.values())).T
 SD, SMALL = 0.05, 0.02  # mm; of a finger that moves by 3 mm, not by 60
 STEPS, LOG = np.arange(0.0, 40.0, 0.5), np.arange(0.0, 39.6, 0.02)
 FINE = np.arange(0.0, 40.0, 2e-3)
+ROOF = "thin_roof"  # of the last chamber in CalculiX, mm; ours of a like body has the shape of a wall_taper
 SIZES: dict[str, tuple[tuple[float, ...], Mechanism]] = {
     "pressure_lag": ((0.1, 0.3, 0.6), Mechanism.COURSE), "creep": ((0.02, 0.06, 0.12), Mechanism.HISTORY),
     "time_shift": ((0.05, -0.1, 0.2), Mechanism.COURSE),
@@ -57,6 +62,7 @@ SIZES: dict[str, tuple[tuple[float, ...], Mechanism]] = {
     "camera_scale": ((0.01, -0.02, 0.04), Mechanism.PICTURE),
     "camera_rotation": ((0.01, -0.02, 0.04), Mechanism.PICTURE),
     "thermal": ((5e-4, -1e-3, 2e-3), Mechanism.HISTORY), "taper": ((0.03, -0.06, 0.12), Mechanism.BODY),
+    ROOF: ((0.1, -0.1, 0.2, -0.2, 0.4, -0.4), Mechanism.BODY),
 }  # fmt: skip
 # of `calculix`, which moves so little
 MORE = {"camera_scale": 4.0, "camera_rotation": 4.0, "pressure_offset": 4.0}
@@ -123,7 +129,10 @@ MODELS: dict[str, tuple[Callable[..., Array], list[twin.Parameter], Values, Plac
     "rod": (rod, [twin.Parameter("E", 0.02, 0.6, "MPa", start=0.12, typical=0.02)], {"E": 0.09}, PLACES),
     "calculix": (ccxfinger.displaced, [twin.Parameter("E", 1.3, 4.0, "MPa", start=2.2, typical=0.1)],
                  {"E": 1.7}, ccxfinger.PLACES),
+    "mujoco": (mujocofinger.displaced, [twin.Parameter("E", 0.05, 0.6, "MPa", start=0.12, typical=0.02)],
+               {"E": 0.09}, PLACES),
 }  # fmt: skip
+MODELS["roof"] = MODELS["calculix"]  # diagnosed beside a fit of our model of a like body
 
 
 def hidden(model: str, kind: str, size: float) -> Array:
@@ -146,7 +155,8 @@ def hidden(model: str, kind: str, size: float) -> Array:
         p = p / (1 + size * FINE)
     elif kind == "taper":
         values["taper"] = size
-    u = program(values, np.interp(STEPS, FINE, p), parts=400)
+    more = {"thinner": size} if kind == ROOF else {}
+    u = program(values, np.interp(STEPS, FINE, p), parts=400, **more)
     at = u + np.array(list(places.values()))
     if kind == "camera_rotation":
         c, s = np.cos(size), np.sin(size)
@@ -169,18 +179,23 @@ def data_of(u: Array, seed: int, places: Places) -> twin.Targets:
 def trial(model: str, kind: str, size: float, seed: int, *, variant: bool) -> dict[str, Any]:
     """The row of one diagnosis."""
     program, parameters, _, places = MODELS[model]
+    mechanism = SIZES[kind][1]
     own = (
         [twin.Parameter("taper", -0.5, 0.5, "", null=0.0, typical=0.02, plausible=(-0.3, 0.3))]
         if variant
         else []
     )
-    mine = twin.simulator(program, parameters, variants=own)
-    found = twin.diagnose(mine, data_of(hidden(model, kind, size), seed, places)).diagnosis
+    finer = partial(program, parts=200) if model == "mujoco" else None
+    mine = twin.simulator(program, parameters, variants=own, finer=finer)
+    data = data_of(hidden(model, kind, size), seed, places)
+    like = twin.calibrate(ccxfinger.like(), data) if kind == ROOF else None
+    found = twin.diagnose(mine, data, like=like).diagnosis
+    kind = "wall_taper" if kind == ROOF else kind
     near = {name for each in found.nearest for name in each.split(" + ")}
     sure = found.grade in (Grade.NAMED, Grade.LIKELY)
     return {
         "model": model, "kind": kind, "size": size, "variant": variant, "verdict": found.verdict,
-        "grade": found.grade, "mechanism": found.mechanisms[:1] == (SIZES[kind][1],), "runs": len(mine.runs),
+        "grade": found.grade, "mechanism": found.mechanisms[:1] == (mechanism,), "runs": len(mine.runs),
         "in_set": kind in near if kind != "taper" or variant else None,
         "sure_wrong": sure and set(found.named) != {kind},
     }  # fmt: skip
@@ -188,16 +203,21 @@ def trial(model: str, kind: str, size: float, seed: int, *, variant: bool) -> di
 
 def models(quick: bool, programs: Sequence[str]) -> dict[str, Any]:
     """Rates of the trials by program; seeds are those of all programs together."""
-    if "calculix" in programs and shutil.which("ccx") is None:
-        print("calculix: left out, as ccx is not installed (apt package calculix-ccx)", file=sys.stderr)
-    some = [model for model in programs if model != "calculix" or shutil.which("ccx")]
+    solver = "" if shutil.which("ccx") else "ccx is not installed (apt package calculix-ccx)"
+    absent = {
+        "calculix": solver, "roof": solver,
+        "mujoco": "" if importlib.util.find_spec("mujoco") else "it is not installed (pip install mujoco)",
+    }  # fmt: skip
+    for model in [m for m in programs if absent.get(m)]:
+        print(f"{model}: left out, as {absent[model]}", file=sys.stderr)
+    some = [m for m in programs if not absent.get(m)]
     trials = [
         (model, kind, size, variant)
         for model in MODELS
         for kind in SIZES
         for size in sizes(model, kind)
         for variant in ((False, True) if kind == "taper" else (False,))
-        if model != "calculix" or kind != "taper"  # its walls are as thick as in the truth
+        if (kind == ROOF) == (model == "roof") and (model != "calculix" or kind != "taper")
     ]
     rows: list[dict[str, Any]] = []
     for seed, (model, kind, size, variant) in enumerate(trials):

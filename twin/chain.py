@@ -215,6 +215,12 @@ COMMANDS = (
         group=Group.USE, function="twin.commands.modes:run_modes", when=When.ASKED,
     ),
     Stage(
+        name="ringing", title="Say at which frequency and damping a film or file rings.",
+        reads=FITTED,
+        writes=("ringing.json", "ringing.csv"),
+        group=Group.USE, function="twin.commands.ringing:run_ringing", when=When.ASKED, alone="recordings",
+    ),
+    Stage(
         name="explore", title="Say which constant or dimension bends the finger most.",
         reads=tuple(name for name in FITTED if name != "[points]"),
         writes=("explore.json", "explore.csv", "explore-effects.png"),
@@ -224,7 +230,7 @@ COMMANDS = (
         name="export", title="Write the calibrated finger as a deck, as a table, or for a simulator.",
         reads=FITTED,
         writes=("finger.inp", "model.json", "response.csv", "card.json", "card.md", "finger.xml", "rod.json",
-                "sections.csv", "finger_pyelastica.py"),
+                "sections.csv", "finger_pyelastica.py", "finger_newton.py"),
         group=Group.USE, function="twin.commands.export:run_export", when=When.ASKED,
     ),
     Stage(

@@ -180,7 +180,7 @@ def read_recording(
         every = _rows(path, text, separator, wanted)
         rows = [(line, own) for line, row in every for own in [_uncommented(row)]
                 if own[0] == row[0] or is_header(own)]  # fmt: skip
-        heads = [k for k, (_, row) in enumerate(rows) if is_header(row)]
+        heads = [k for k, (_, row) in enumerate(rows) if not _numeric(row) and is_header(row)]
         heads = [k for k in heads if any(_numeric(row) for _, row in rows[k + 1 : k + 3])] or heads[:1]
         if separator == " ":
             heads = [k for k in heads if len(rows) > k + 1 and len(rows[k][1]) == len(rows[k + 1][1])]

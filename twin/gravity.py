@@ -7,6 +7,7 @@ different ones that act on its steps.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +29,20 @@ def density(kg_m3: float) -> float:
     1.07e-09
     """
     return TONNE_PER_MM3 * kg_m3
+
+
+def with_density(case: Case, kg_m3: float | None) -> Case:
+    """The case whose materials all have a density: their own, or the given one where they have none."""
+    bare = [name for name, m in case.materials.items() if not m.density]
+    if bare and kg_m3 is None:
+        raise ValueError(
+            f"density of the silicone ({', '.join(bare)}): not stated, and frequencies need its mass; add "
+            "density_kg_m3 under [model] of twin.toml (then the model has weight, and twin calibrate runs "
+            "again), or type --density 1070 (kg/m3) here"
+        )
+    typed = density(kg_m3 or 0.0)
+    given = {name: replace(m, density=m.density or typed) for name, m in case.materials.items()}
+    return replace(case, materials=given)
 
 
 def of_targets(targets: Targets) -> Array:

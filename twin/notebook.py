@@ -164,6 +164,7 @@ class OpenedProject:
     drop = _method("drop")
     predict = _method("predict")
     modes = _method("modes")
+    ringing = _method("ringing")
     explore = _method("explore")
     export = _method("export")
     review = _method("review")

@@ -145,6 +145,12 @@ def _vibrations(folder: Path) -> Iterator[Row]:
         yield {key: value for key, value in row.items() if key != "points"}
 
 
+def _ringings(folder: Path) -> Iterable[Row]:
+    """A row for each ringing: frequency, damping ratio, amplitude, the model's frequency."""
+    rows: list[Row] = files.read_json(folder / "ringing.json")["ringings"]
+    return rows
+
+
 def _predicted(folder: Path) -> Iterator[Row]:
     """A row for each point and time, as predicted.csv; an interval that there is not is None."""
     for row in DataTable.read(folder / "predicted.csv", text=("point",)).records:
@@ -164,6 +170,7 @@ _TABLES: dict[str, Callable[[Path], Iterable[Row]]] = {
     "posterior": _posterior,
     "pareto": _front,
     "modes": _vibrations,
+    "ringing": _ringings,
     "explore": _explored,
     "predict": _predicted,
     "export": _files,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.laws.law import Constants
+from twin.laws.law import STRETCH, Constants
 from twin.laws.mooneyrivlin import LEAST_SHARE, MOONEY_RIVLIN
 from twin.targets import Array, PointKind, Targets
 
@@ -100,10 +100,25 @@ def silicone_doubt(constants: Constants, *, end: int) -> str:
     )
 
 
-def stability_doubt(constants: Constants) -> str:
-    """A sentence where the share of Mooney-Rivlin rubber is the least at which it is stable."""
-    if constants.law != MOONEY_RIVLIN or (share := constants.shape[0]) > LEAST_SHARE + NEAR:
+def stability_doubt(constants: Constants, *, sd: float = 0.0, stretch: float = STRETCH) -> str:
+    """A sentence where the C01 of Mooney-Rivlin rubber looks like another effect, else "".
+
+    That is where it is below zero by two of its sd, or the least at which the rubber is stable, or less than
+    that at the stretch that the model reaches.
+    """
+    if constants.law != MOONEY_RIVLIN or (share := constants.shape[0]) > -NEAR:
         return ""
+    if stretch > STRETCH and constants.material.steadiness(stretch) < 0.0:
+        return (
+            f"C01/(C10 + C01) is {share:.2f}: at the stretch of {stretch:.2g} that the model reaches such a "
+            "rubber is not stable. What looks like it is a wrong wall, missing fibres, or another effect: "
+            "`twin diagnose` looks for it."
+        )
+    if share > LEAST_SHARE + NEAR:
+        return "" if share * constants.scale > -2 * sd else (
+            f"C01/(C10 + C01) is {share:.2f}, below zero. Such a rubber stiffens in tension, as a wrong wall "
+            "or missing fibres make it seem, too: a tensile test of the silicone tells ([[material_tests]])."
+        )
     return (
         f"C01/(C10 + C01) is {share:.2f}, and with less the rubber would not be stable: the silicone has "
         "another law than Mooney-Rivlin, or another effect is missing. `twin diagnose` looks for it."

@@ -5,8 +5,8 @@
 
 A figure is a piece of a page with # for each number, and the places of these numbers in the newest runs of
 the project: `kind/file:key.key`, with `#2` for the second number of a sentence; a row of a ranking is named
-by its law. Figures may differ by 5 %, or by half of their last digit. Minutes may differ by a factor of 4:
-they are those of two idle cores.
+by its law. Figures may differ by 5 %, or by half of their last digit. Minutes are those of two idle cores:
+they are not compared, as a busy machine takes any time, and written where they differ by a factor of 4.
 """
 
 import json
@@ -75,7 +75,7 @@ FIGURES = (
            "by # to # mm (95 %). It fails most at marker tip (# mm, # times its noise), in U3, at # to # kPa",
            tuple(f"{WHERE}#{k}" for k in (1, 2, 3, 5, 6, 7, 8))),  # the fourth is 95 %
     Figure(README, "at rest were off by # sd", (f"{WHERE}#9",)),
-    Figure(README, f"pressure falls. {CHANGE}", CHANGED),
+    Figure(README, f"the place of creep:2. {CHANGE}", CHANGED),
     Figure(README, f"and compare. {CHANGE}",
            (f"{COMPARE}raw_rms_mm", *(f"add/comparison.json:{key}"
                                       for key in ("expected_low_mm", "expected_high_mm", "raw_rms_mm")))),
@@ -177,11 +177,9 @@ def drawn(project: Path, name: str) -> None:
     (ROOT / DRAWN).write_text(text, encoding="utf-8")
 
 
-def fits(found: str, wanted: float, *, time: bool = False) -> bool:
+def fits(found: str, wanted: float) -> bool:
     """Whether a figure of the docs is that of the project."""
     number = float(found.replace(",", ""))
-    if time:
-        return 1 / BUSY <= number / wanted <= BUSY
     decimals = len(found.partition(".")[2])
     return abs(number - wanted) <= max(TOLERANCE * abs(wanted), 0.5001 * 10.0**-decimals)
 
@@ -194,7 +192,7 @@ def wrong(text: str, figure: Figure, wanted: Sequence[float]) -> list[str]:
     return [
         f"{figure.page}: {figure.text!r} has {found}, wanted {want:.6g} ({place})"
         for found, want, place in zip(match.groups(), wanted, figure.places, strict=True)
-        if not fits(found, want, time=place.startswith("minutes"))
+        if not place.startswith("minutes") and not fits(found, want)
     ]
 
 
@@ -204,7 +202,7 @@ def written(text: str, figure: Figure, wanted: Sequence[float]) -> str:
     assert match is not None, figure
     for k in range(len(wanted), 0, -1):
         found, want = match[k], wanted[k - 1]
-        if figure.places[k - 1].startswith("minutes") and fits(found, want, time=True):
+        if figure.places[k - 1].startswith("minutes") and 1 / BUSY <= float(found) / want <= BUSY:
             continue
         new = f"{want:{',' if ',' in found else ''}.{len(found.partition('.')[2])}f}"
         text = text[: match.start(k)] + new + text[match.end(k) :]

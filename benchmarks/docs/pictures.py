@@ -243,7 +243,7 @@ def _short_model() -> tuple[Model, Array]:
                         (34, 24), (34.4, 0), (40, 0)])  # fmt: skip
     times = np.arange(0.0, 40.01, 0.05)
     pressure = 1e-3 * np.interp(times, *corners.T)
-    course = Course(times, pressure, np.arange(0.0, 40.01, 0.2), gravity=np.array([0.0, 0.0, -9810.0]))
+    course = Course(times, pressure, times, gravity=np.array([0.0, 0.0, -9810.0]))
     case = finger_case(Material(0.214, 0.083), finger=SHORT, lattice=Lattice(per_bellow=4, centred=False))
     points = np.array([SHORT.tip_node, SHORT.middle_node])
     test = Test(case, course, points, np.ones(2, bool))

@@ -33,6 +33,7 @@ from twin.commands.pareto import ParetoRecord
 from twin.commands.posterior import PosteriorRecord
 from twin.commands.predict import PredictionRecord
 from twin.commands.profile import ProfilesRecord
+from twin.commands.ringing import RingingsRecord
 from twin.diagnosis.diagnosisrecord import DiagnosisRecord
 from twin.diagnosis.explanation import EvidenceRecord
 from twin.effects.library import all_effects
@@ -50,8 +51,8 @@ DOCS = ROOT / "docs"
 Schema = Mapping[str, Any]
 RECORDS: tuple[type[Record], ...] = (
     FitRecord, ComparisonRecord, OutlineRecord, DiagnosisRecord, EvidenceRecord, Confirmation, ProfilesRecord,
-    PosteriorRecord, LawsRecord, ParetoRecord, VibrationsRecord, ExploredRecord, PredictionRecord,
-    ModelRecord, AssetCard, Study,
+    PosteriorRecord, LawsRecord, ParetoRecord, VibrationsRecord, RingingsRecord, ExploredRecord,
+    PredictionRecord, ModelRecord, AssetCard, Study,
 )  # fmt: skip
 COLUMNS = 120
 BEGIN, END = "<!-- made by benchmarks/docs/reference.py -->", "<!-- end -->"
@@ -70,7 +71,9 @@ WHAT = {
     "pressure": "The pressure log. Needed with a film.",
     "material_tests": "[Tests of the silicone itself](material-tests.md), fitted beside the film.",
     "import": "Displacements from [another program](files.md#files-of-other-programs); "
-    "`twin init --targets` writes this table.",
+    "`twin init --targets` writes this table, and one for each of "
+    "[several recordings](files.md#several-recordings).",
+    "import.loads": "What hangs on the body in a recording.",
     "measure": "How well things are known. Every sd is part of the stated error.",
     "frame": "The [printed sheet](your-own-test.md#2-build-the-rig) of markers round the finger; without one "
     "[[frame.markers]].",

@@ -1,11 +1,12 @@
-"""What the errors of a film cost as it has more frames or markers: processor seconds, peak memory, exponents.
+"""What the errors of a film cost as it has more frames, markers or blocks: seconds, peak memory, exponents.
 
     python benchmarks/kernel/filmgrowth.py PROJECT [--quick] [--json]
 
-The targets of a calibrated project are repeated in time, or its markers beside themselves. Errors that a film
-shares grow with it, those of one stretch of time or one marker come once for each. Counted is what every fit
-asks of them once: the whitener, its determinant, residual and derivatives whitened, and the error of a right
-model. Each in a process of its own; --quick stops at twice as many.
+The targets of a calibrated project are repeated in time, in one block or in as many, or its markers beside
+themselves. Errors that a film shares grow with it, those of one stretch of time or one marker come once for
+each. Counted is what every fit asks of them once, in seconds of the processor: the whitener, its determinant,
+residual and derivatives whitened, and the error of a right model. Each in a process of its own; --quick stops
+at twice as many.
 """
 
 import json
@@ -30,7 +31,7 @@ from twin.project.folder import Project
 from twin.targets import Array, Targets
 
 TIMES = (1, 2, 4)
-FRAMES, MARKERS = "frames", "markers"
+FRAMES, MARKERS, BLOCKS = "frames", "markers", "blocks"
 
 
 def repeated(modes: Array, times: int, axis: int) -> tuple[Array, list[int]]:
@@ -48,8 +49,8 @@ def repeated(modes: Array, times: int, axis: int) -> tuple[Array, list[int]]:
 
 
 def longer(t: Targets, times: int, what: str) -> Targets:
-    """Targets with as many times the frames or the markers."""
-    axis = 1 if what == FRAMES else 2
+    """Targets with as many times the frames, the markers, or the blocks."""
+    axis = 2 if what == MARKERS else 1
     modes, of = repeated(t.modes, times, axis)
     common: dict[str, Any] = {"modes": modes, "mode_names": tuple(t.mode_names[k] for k in of)}
     common |= {n: repeat(getattr(t, n), times, axis - 1) for n in ("value", "covariance", "valid")}
@@ -63,7 +64,9 @@ def longer(t: Targets, times: int, what: str) -> Targets:
         return replace(t, points=points, **common)
     inside = (t.log_time >= t.time[0]) & (t.log_time <= t.time[-1])
     span = t.time[-1] - t.time[0] + (t.time[1] - t.time[0])
-    common |= {n: repeat(getattr(t, n), times, 0) for n in ("pressure", "block", "held_out", "pressure_sd")}
+    common |= {n: repeat(getattr(t, n), times, 0) for n in ("pressure", "held_out", "pressure_sd")}
+    new = (t.block[-1] + 1) * (what == BLOCKS)
+    common["block"] = np.concatenate([t.block + j * new for j in range(times)])
     common |= {"log_pressure": repeat(t.log_pressure[inside], times, 0)}
     for name, x in {"time": t.time, "log_time": t.log_time[inside]}.items():
         common[name] = np.concatenate([x + j * span for j in range(times)])
@@ -81,7 +84,7 @@ def cost(project: Path, times: int, what: str) -> dict[str, float]:
     model = bench.on_mesh(bench.model(), fit.theta, Silent())
     errors, t = ModelErrors.of(model, fit.theta, bench.targets), longer(bench.targets, times, what)
     u, jacobian = model.predict(fit.theta), model.jacobian(fit.theta)
-    axis = 0 if what == FRAMES else 1
+    axis = 1 if what == MARKERS else 0
     gauge, u = (repeat(x, times, axis) for x in (errors.gauge, u))
     modes, jacobian = (repeat(x, times, axis + 1) for x in (errors.modes, jacobian))
     began = processor()
@@ -110,7 +113,7 @@ def main() -> int:
         print(json.dumps(cost(typed.project, *json.loads(typed.one))))
         return 0
     found: dict[str, Any] = {}
-    for what in (FRAMES, MARKERS):
+    for what in (FRAMES, MARKERS, BLOCKS):
         rows = []
         for times in TIMES[: 2 if typed.quick else None]:
             command = [sys.executable, __file__, str(typed.project), "--one", json.dumps([times, what])]

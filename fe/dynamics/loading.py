@@ -12,9 +12,10 @@ from fe.material import Material
 from fe.mesh.mirror import symmetry_support
 from fe.path import Path
 from fe.solver.loadings import Loadings
-from fe.solver.newton import Problem, Step, equilibrium, tangent_at
+from fe.solver.newton import Equilibrium, Problem, Step, equilibrium, tangent_at
 from fe.solving import solve
 
+DOWN = (4, 16)  # steps to a pressure below 0, the more where the fewer fail
 NONE = np.zeros((0, 3))
 
 
@@ -121,14 +122,33 @@ def at_rest(case: Case, held: HeldLoad) -> LoadedState:
                 f"vibrations with {what}: its tangent is not symmetric, wanted an obstacle without friction "
                 "and a closed chamber; leave it out"
             )
-    solution = solve(relaxed, held.path)
+    pressure = max(held.pressure, 0.0)
+    solution = solve(relaxed, replace(held, pressure=pressure).path)
     if not solution.converged:
         return LoadedState(problem, held, problem.start(), solution.reason)
-    start = solution.curves[0].state(held.pressure)
+    start = solution.curves[0].state(pressure)
     prony = problem.constants.prony
     rest = Memory(1 - prony[..., 0].sum(axis=0), 0 * problem.geometry.weight[..., None, None] * np.eye(3))
-    found = equilibrium(problem, start, load=held.pressure, memory=rest if len(prony) else None)
+    memory = rest if len(prony) else None
+    found = equilibrium(problem, start, load=pressure, memory=memory)
+    rest_state = found.state
+    for count in DOWN if held.pressure < 0 and rest_state is not None else ():
+        assert rest_state is not None
+        found = _sucked(problem, rest_state, np.linspace(0.0, held.pressure, count + 1)[1:], memory)
+        if found.state is not None:
+            break
     return LoadedState(problem, held, found.state or start, found.reason)
+
+
+def _sucked(problem: Problem, start: State, loads: Array, memory: Memory | None) -> Equilibrium:
+    """The equilibrium at the last of pressures (k,) MPa below 0, one after another: the paths of `solve`
+    begin at no pressure, and rise."""
+    for load in loads:
+        found = equilibrium(problem, start, load=float(load), memory=memory)
+        if found.state is None:
+            break
+        start = found.state
+    return found
 
 
 def _relaxed(material: Material) -> Material:

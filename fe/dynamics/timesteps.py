@@ -131,6 +131,13 @@ def transient(
     return march.followed(Instant(float(path.time[0]), start.state, none, none, past))
 
 
+def resumed(case: Case, path: Path, start: Instant, *, longest: float, radius: float = 0.8) -> Transient:
+    """The motion of a case along a path from an instant on, in steps of a length in s; none is halved for its
+    error."""
+    march = _March(_problem(case, path), path, Scheme.of(radius), inertia_of(case), np.inf, longest)
+    return march.followed(start)
+
+
 def _outside(path: Path) -> tuple[Array, Array, Array]:
     """Gravity, places and pulls of a path that does not turn."""
     return np.atleast_2d(path.gravity)[0], path.places, path.pulls

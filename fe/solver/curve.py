@@ -183,6 +183,7 @@ def trace(
                 reason = f"stopped at {here:.4g} MPa of {pressures[-1]:.4g}: {_cause(done, last, result)}"
                 break
             todo.insert(0, here + SHARE * (todo[0] - here))
+            near = None  # another way, or nearer to its limit point than this one: a bad guide from here
             continue
         strayed = bool(done) and problem.has_friction and strays(problem, guess, level.state)
         if strayed and todo[0] - done[-1].pressure > least:

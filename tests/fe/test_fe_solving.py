@@ -58,6 +58,18 @@ def test_a_start_nearby_saves_iterations_and_changes_nothing() -> None:
     )  # TOLERANCE squared, times 110 mm
 
 
+def test_a_start_that_leads_astray_is_left_where_it_fails(short: Case) -> None:
+    path = Path(time=np.array([0.0, 1.0]), pressure=np.array([0.0, 0.02]), output=np.linspace(0.0, 1.0, 5))
+    cold = solve(short, path)
+    (curve,) = cold.curves
+    astray = np.where(curve.pressure > 0.012, 9.0, 1.0)[:, None, None]
+    bad = replace(cold, curves=(replace(curve, u=astray * curve.u, u_slope=astray * curve.u_slope),))
+    again = solve(short, path, start=bad)
+    assert again.converged
+    assert again.iterations < 2 * cold.iterations
+    np.testing.assert_allclose(again.fields([4]), cold.fields([4]), atol=1e-6)
+
+
 def mirrored(case: Case) -> Case:
     """The whole body of a half model with its symmetry plane at y = 0, without that support."""
     plane = np.abs(case.nodes[:, 1]) < 1e-9

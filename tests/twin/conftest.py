@@ -8,18 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fe import Case, Finger, Lattice
+from fe import Case, Finger, Lattice, solve
 from tests.messages import Lines
 from tests.strangers import studio
+from tests.twin.solvedonce import SolvedOnce
 from twin.executors.local import Serial, using
-from twin.model import fingertable
+from twin.model import discretisation, fingertable, prediction
 from twin.model.structure import BuiltIn, base_case
 from twin.targets import Noise, PointKind, TargetPoint, Targets, at_node
+from twin.virtual import truthsolves
 
 SHORT = Finger(
     length=10 + 100 / 3, bellows=3, tip_node=(10 + 100 / 3, 11.5, 0.0), middle_node=(4 + 50 / 3, 11.5, 0.0)
 )
 COARSE = Lattice(per_bellow=2, ring=False, centred=False)
+ONCE = SolvedOnce(solve)
 TABLE = Path(__file__).with_name("shortfinger.npz")
 
 
@@ -56,6 +59,15 @@ def coarsest_case() -> Case:
 def one_process() -> Iterator[None]:
     """All work in this process: on a finger so small, starting others costs more than they save."""
     with using(Serial()):
+        yield
+
+
+@pytest.fixture(scope="module")
+def solved_once() -> Iterator[None]:
+    """For files that ask the same of the solver again and again: an earlier test's answer is taken."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (prediction, discretisation, truthsolves):
+            patch.setattr(module, "solve", ONCE)
         yield
 
 

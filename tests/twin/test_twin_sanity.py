@@ -232,7 +232,11 @@ def test_constants_of_no_silicone_are_told_with_the_unit() -> None:
 
 
 def test_a_fit_that_stability_has_stopped_is_told() -> None:
-    assert stability_doubt(MOONEY_RIVLIN.at(0.3, (0.28,))) == stability_doubt(MOONEY_RIVLIN.at(0.3, (-0.5,))) == ""
+    negative = MOONEY_RIVLIN.at(0.3, (-0.3,))  # C01 = -0.09 MPa
+    assert stability_doubt(MOONEY_RIVLIN.at(0.3, (0.28,))) == stability_doubt(negative, sd=0.05) == ""
+    says(stability_doubt(negative, sd=0.04), "C01/(C10 + C01) is -0.30, below zero", "tensile test")
+    assert stability_doubt(negative, sd=0.05, stretch=1.7) == ""
+    says(stability_doubt(negative, sd=0.05, stretch=2.6), "at the stretch of 2.6 that the model reaches", "not stable")
     assert "C01/(C10 + C01) is -0.60, and with less the rubber would not be stable" in stability_doubt(MOONEY_RIVLIN.at(0.3, (-0.598,)))
 
 

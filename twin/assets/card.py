@@ -168,11 +168,19 @@ def carded(
 def _of_every(followed: RodBeside) -> list[str]:
     """What no rod expresses."""
     return [
-        "the law of the silicone: a rod has it as the bend, the stretch and the stiffness that it gives",
+        "the law of the silicone: a rod has it as the bend, the stretch and the stiffness that it gives; "
+        + _as_solid(followed.neo_hooke),
         f"motion across the plane, at the tip up to {short(float(np.abs(followed.tip[:, 1]).max()))} mm",
         "bending that stretches the line of the points, and contact of the walls",
         *([] if followed.dense else ["the density: none is stated, 1070 kg/m3 is taken"]),
     ]
+
+
+def _as_solid(share: float) -> str:
+    if not np.isfinite(share):
+        return "a solid of neo-Hooke silicone with its moduli at rest does not carry these pressures"
+    off = f"the tip is off by {_share(share)} at most"
+    return f"as a solid of neo-Hooke silicone with its moduli at rest, {off}"
 
 
 def _sentence(simulator: RodSimulator, worst: float, film: float, load: float) -> str:

@@ -33,7 +33,8 @@ SHARE = 0.1  # of the length by which the force that tests a rod lifts its tip
 class RodBeside:
     """A rod, and what the model says at pressures (k,) MPa of the tip, the point `name`: displacements
     (k, 3) mm with sd (k, 3) mm. force: in N up at the tip; lifted (3,) mm: what it adds at the pressure
-    `loaded` MPa. dense: whether the density is the project's own."""
+    `loaded` MPa. dense: whether the density is the project's own. neo_hooke: the largest share of its
+    displacement by which the tip would be off if the silicone were neo-Hooke; NaN where that is too weak."""
 
     rod: Rod
     name: str
@@ -44,6 +45,7 @@ class RodBeside:
     force: float
     lifted: Array
     dense: bool
+    neo_hooke: float = np.nan
 
 
 def followed(
@@ -71,8 +73,9 @@ def followed(
     loaded = float(checked[len(checked) // 2])
     force, lifted = _lifted(test, rod, loaded, ramp_s=ramp_s, hold_s=hold_s)
     return RodBeside(
-        rod, name, checked, u[LEVELS:, -1], _sds(answers[LEVELS:]), loaded, force, lifted, dense
-    )
+        rod, name, checked, u[LEVELS:, -1], _sds(answers[LEVELS:]), loaded, force, lifted, dense,
+        _neo_hooke(test, rest[-1:], checked, ramp_s),
+    )  # fmt: skip
 
 
 def line_of(problem: CalibrationProblem) -> tuple[str, dict[str, Array]]:
@@ -161,6 +164,23 @@ def _lifted(test: Test, rod: Rod, pressure: float, *, ramp_s: float, hold_s: flo
     up = {"asset_face": (np.concatenate(_faces(test.case)), np.array([0.0, 0.0, force * test.share]))}
     free, held = (_solved(test, rod.rest[-1:], way, time, course)[-1, 0] for way in ({}, up))
     return force, held - free
+
+
+def _neo_hooke(test: Test, tip: Array, pressure: Array, ramp_s: float) -> float:
+    """What silicone of the one constant that every simulator of solids has would do at pressures (k,) MPa:
+    the largest share by which the tip (1, 3) mm is off where all moduli at rest stay."""
+    case, levels = test.case, np.append(0.0, np.sort(pressure))
+    plain = {
+        name: replace(m, C10=m.shear / 2, C01=0.0, C20=0.0, C30=0.0, gent=None, ogden=(), chains=None)
+        for name, m in case.materials.items()
+    }
+    cases = (case, replace(case, materials=plain))
+    time = ramp_s * levels / levels[-1]
+    try:
+        own, other = (_solved(replace(test, case=c), tip, {}, time, levels)[1:, 0] - tip for c in cases)
+    except ValueError:
+        return float("nan")
+    return float((np.linalg.norm(other - own, axis=1) / np.linalg.norm(own, axis=1)).max())
 
 
 # -- mass ----------------------------------------------------------------------------------------------------

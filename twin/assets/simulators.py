@@ -59,6 +59,12 @@ def _of_elastica(folder: Path, pressures: Array, force: float) -> Array:
     return elasticarod.tips(folder, pressures, force)
 
 
+def _of_newton(folder: Path, pressures: Array, force: float) -> Array:
+    from twin.assets import newtonchain
+
+    return newtonchain.tips(folder, pressures, force)
+
+
 def _with_script(name: str, script: str) -> Callable[[Rod], dict[str, str]]:
     """What writes rod.json and a module of this room as a script by its name."""
 
@@ -80,6 +86,11 @@ SIMULATORS = {
                 DAMPING, "a stiffness that changes with the pressure: each joint has that at half of it",
                 "a bend that is no cubic of the pressure",
             ),
+        ),
+        RodSimulator(
+            name="newton", package="newton", tested="1.8.0",
+            written=_with_script("finger_newton.py", "newtonchain.py"), tips=_of_newton,
+            cannot=(DAMPING, "bending across the plane and torsion: its joints have none"),
         ),
         RodSimulator(
             name="pyelastica", package="pyelastica", tested="1.0.0",

@@ -89,7 +89,7 @@ class Judgement:
             comparison=judged.comparison,
             errors=judged.errors,
             jacobian=judged.jacobian,
-            crossed=judged.model.solution(judged.theta).crossed,
+            crossed=judged.model.values(judged.theta).solution.crossed,
         )
 
 

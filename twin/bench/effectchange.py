@@ -51,8 +51,8 @@ class Change:
     @staticmethod
     def of(bench: Workbench, judged: Judged) -> "Change":
         """The change to a model that was judged in this process; its edge along the film is kept."""
-        FilmEdge(bench).keep(judged)
         fields, tests = _fields(bench, judged.model, judged.theta), bench.agreement(judged)
+        FilmEdge(bench).keep(judged)
         return Change(fit=judged.fit, judgement=Judgement.of(judged), fields=fields, tests=tests)
 
     def record(self, **beside: Any) -> FitRecord:
@@ -227,8 +227,9 @@ def _fields(bench: Workbench, model: Model, theta: Array) -> Fields:
     t: Targets = bench.targets
     steps = np.unique(np.linspace(0, len(t.time) - 1, min(SHOWN, len(t.time))).round().astype(int))
     rows = np.flatnonzero(~t.fixed)
-    u, predicted = model.solution(theta).fields(list(steps)), model.predict(theta)
-    rest = model.solution(theta).fields(list(t.reference[:: max(1, len(t.reference) // 3)])).mean(axis=0)
+    solved = model.values(theta)
+    u, predicted = solved.solution.fields(list(steps)), solved.u
+    rest = solved.solution.fields(list(t.reference[:: max(1, len(t.reference) // 3)])).mean(axis=0)
     node_count = len(bench.case.nodes)  # of a whole made of a half, the half comes first
     return Fields(
         time_s=t.time[steps] - t.time[0],

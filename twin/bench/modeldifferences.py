@@ -30,8 +30,8 @@ def same_films(projects: Iterable[Project]) -> Iterator[str]:
     """Sentences on films, or other programs' files, whose equal bytes several batches are measured from."""
     known: dict[str, str] = {}  # by digest, the batch that had it first
     for project in projects:
-        name, source, foreign = project.root.name, project.source(), project.config.imported
-        stated = [*(c.film for c in project.config.cameras), *([foreign.file] if foreign else [])]
+        name, source, foreign = project.root.name, project.source(), project.config.imports
+        stated = [*(c.film for c in project.config.cameras), *(table.file for table in foreign)]
         runs = {source.run, *(film.run for film in source.films)} - {None, ""}
         for run in sorted(project.root / "runs" / str(run) for run in runs):
             for file, digest in project.info(run).inputs.items():

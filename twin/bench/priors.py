@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from calibrate.robust import NU
-from twin.effects.labels import name_of
+from twin.effects.labels import OPEN, name_of
 from twin.effects.library import effect
 from twin.effects.protocol import Effect
 from twin.judging.likelihood import SHARE, TOTAL
@@ -35,7 +35,9 @@ def known_values(
     priors = project.config.calibrate.priors
     for name in priors:
         _check(project, name, law, own_of)
-    return tuple(KnownValue(name=name, mean=mean, sd=sd) for name, (mean, sd) in priors.items())
+    open_mm = {f"{OPEN}.{key}": sd for key, (_, sd) in project.config.model.open.items()}
+    known = {**priors, **{name: (0.0, sd) for name, sd in open_mm.items()}}
+    return tuple(KnownValue(name=name, mean=mean, sd=sd) for name, (mean, sd) in known.items())
 
 
 def _check(
@@ -52,6 +54,11 @@ def _check(
             )
         return
     base = name.partition(".")[0]
+    if base == OPEN:
+        raise ValueError(
+            f"calibrate.priors.{name}: what is known of a dimension, value and sd in mm, stands under "
+            "[model.open]; state it there"
+        )
     labels = [label for label in project.config.model.effects if name_of(label) == base]
     try:
         named = effect(labels[0] if labels else base, users=own_of(project), law=law)

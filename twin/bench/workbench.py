@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TypeVar
 
 from fe import Case
@@ -16,19 +16,20 @@ from twin.calibrated.positions import PlacedPoint, fault_of, on_structure, place
 from twin.calibrated.problem import BEYOND, CalibrationProblem, Carried
 from twin.coupons.pulltest import pull_tests
 from twin.effects.material import Elasticity
+from twin.effects.opendimensions import QUARTER, OpenDimensions
 from twin.effects.ownfiles import own_effects
 from twin.effects.protocol import Effect, Unsolvable
 from twin.gravity import density
 from twin.judging.fitrecord import FitRecord
 from twin.laws.catalogue import named_law
-from twin.laws.law import Constants, RubberLaw
+from twin.laws.law import STRETCH, Constants, RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
-from twin.laws.stability import STRETCH
 from twin.model.enginejobs import EngineJobs
 from twin.model.objects import RigidObject
-from twin.model.structure import Structure, beside, closed, in_law, of_body, of_deck, weighed
+from twin.model.structure import Structure, beside, body_case, closed, in_law, of_body, of_deck, weighed
 from twin.project.folder import Project
 from twin.project.trust import check_trusted, programs
+from twin.ringing.quasistatic import without_ringing
 from twin.targets import Targets
 
 Given = TypeVar("Given")
@@ -70,6 +71,8 @@ class Workbench(CalibrationProblem):
             wanted="position_mm = [x, y, z] in mm or the label of a node: add it under "
             "[[points]] in twin.toml", bends_down=bends_down(project), mirrored=one_side(project),
         )  # fmt: skip
+        if (hz := project.config.calibrate.ringing_Hz) is not None:
+            targets = without_ringing(targets, hz)
         priors = known_values(project, elasticity.law, own_of)
         targets = replace(targets, known=priors, tails=TAILS[project.config.calibrate.loss])
         tests = pull_tests(project.config.material_tests, project.root)
@@ -150,7 +153,27 @@ def stated_law(project: Project) -> RubberLaw | None:
 def own_of(project: Project) -> tuple[Effect, ...]:
     """The effects of the project's own files. ValueError where one of them is not right, or not trusted."""
     check_trusted(project.root, programs(project.root, project.config.model.effect_files))
-    return own_effects(project.root, project.config.model.effect_files)
+    own = own_effects(project.root, project.config.model.effect_files)
+    return (*own, open_dimensions(project)) if project.config.model.open else own
+
+
+def open_dimensions(project: Project) -> OpenDimensions:
+    """The effect of the dimensions that twin.toml leaves open. ValueError where one of its meshes folds."""
+    body, table = body_of(project), project.config.model
+    assert body is not None  # the configuration refuses those of a deck
+    sds = tuple((name, sd) for name, (_, sd) in table.open.items())
+    return _opened(body, table.mesh, sds)  # type: ignore[arg-type]  # every body is frozen
+
+
+@lru_cache(maxsize=8)  # every stage asks for it several times
+def _opened(body: Body, refine: int, sds: tuple[tuple[str, float], ...]) -> OpenDimensions:
+    lattice = replace(body.lattice, refine=refine) if refine != 1 else body.lattice
+
+    def larger(name: str, mm: float) -> Case:
+        return body_case(body.larger(name, mm), lattice)
+
+    pairs = {name: (larger(name, -QUARTER * sd), larger(name, QUARTER * sd)) for name, sd in sds}
+    return OpenDimensions.of(body_case(body, lattice), pairs, dict(sds))
 
 
 def structure_of(project: Project) -> Structure:
@@ -168,8 +191,13 @@ def body_of(project: Project) -> Body | None:
     model = project.config.model
     if model.deck is not None:
         return None
-    if model.kind == "finger":
-        return project.builtin or (BuiltIn() if model.finger is None else model.finger.body)
+    if model.kind == "finger" and project.builtin is not None:
+        builtin = project.builtin
+        for name, (mean, _) in model.open.items():
+            builtin = builtin.larger(name, mean - builtin.size(name))
+        return builtin
+    if model.kind == "finger" and model.finger is None and not model.open:
+        return BuiltIn()
     assert model.dimensions is not None
     return model.dimensions.body
 
@@ -179,13 +207,14 @@ def tolerances_of(project: Project, body: Body) -> dict[str, float]:
     have."""
     stated = project.config.model.wall_sd_mm
     if not isinstance(stated, dict):
-        return dict.fromkeys(body.inner, stated)
+        return dict.fromkeys(body.inner, stated) | dict.fromkeys(project.config.model.open, 0.0)
     if unknown := sorted(set(stated) - set(body.inner)):
         raise ValueError(
             f"model.wall_sd_mm: {unknown[0]} is no inner dimension of a {body.kind}; wanted some of "
             f"{', '.join(body.inner) or 'none'}"
         )
-    return {name: stated.get(name, WALL_SD_MM) for name in body.inner}
+    given = {name: stated.get(name, WALL_SD_MM) for name in body.inner}
+    return given | dict.fromkeys(project.config.model.open, 0.0)  # they are parameters
 
 
 def _unweighed(project: Project) -> Structure:

@@ -182,6 +182,10 @@ class BuiltIn:
 
         return BuiltIn(finger, lattice_of(finger))
 
+    def size(self, dimension: str) -> float:
+        """One of the dimensions in `inner`, mm."""
+        return float(getattr(self.finger, INNER[dimension]))
+
     def larger(self, dimension: str, mm: float) -> "BuiltIn":
         """The finger with one of its dimensions larger by mm, on the same lattice."""
         name = INNER[dimension]

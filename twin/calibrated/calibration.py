@@ -285,6 +285,7 @@ def diagnose(
     effects: Sequence[str | Effect] = (),
     seed: int = 1,
     stand_ins: bool = True,
+    like: Calibration | None = None,
     say: Say | None = None,
 ) -> Diagnosed:
     """The physical effect that a calibrated model lacks, if the data tell it; `fit.add(found)` adds it.
@@ -292,10 +293,14 @@ def diagnose(
     fit: a calibration, or somebody's own program (`twin.simulator`), which is fitted first. data: by default
     those of the fit. effects: candidates, labels or effects of your own; by default the library
     (docs/effects.md). stand_ins: whether generic effects are tried too, so that something unknown is told
-    from what the library has. Source of the evidence: docs/how-it-decides.md.
+    from what the library has. like: beside a simulator, our own model of a like body, fitted to the same
+    data: effects inside the structure are then tried by the shape that they have there. Source of the
+    evidence: docs/how-it-decides.md.
     """
     if isinstance(fit, Simulator):
-        return _of_simulator(fit, data, effects, seed=seed, stand_ins=stand_ins, say=say)
+        return _of_simulator(fit, data, effects, seed=seed, stand_ins=stand_ins, say=say, like=like)
+    if like is not None:
+        raise ValueError("like: beside a calibration; wanted beside a simulator: ours shows its structure")
     problem = fit.problem
     if data is not None and not np.array_equal(data.value, problem.targets.value, equal_nan=True):
         raise ValueError("data: not those of the fit; wanted the same table: calibrate with these first")
@@ -315,14 +320,18 @@ def diagnose(
 
 def _of_simulator(
     simulator: Simulator, data: Targets | None, effects: Sequence[str | Effect], *, seed: int,
-    stand_ins: bool, say: Say | None,
+    stand_ins: bool, say: Say | None, like: Calibration | None,
 ) -> Diagnosed:  # fmt: skip
     if data is None:
         raise ValueError("data: none; wanted the targets of twin.read_table(...) beside a simulator")
     if named := [effect for effect in effects if isinstance(effect, str)]:
         raise ValueError(f"effects: {named[0]!r}; wanted effects themselves, or none: all that it can have")
     own = [effect for effect in effects if isinstance(effect, Effect)]
-    return Diagnosed.of(diagnosed(simulator, data, effects=own, seed=seed, stand_ins=stand_ins, say=say))
+    found = diagnosed(
+        simulator, data, effects=own, seed=seed, stand_ins=stand_ins, say=say,
+        like=None if like is None else like.judged,
+    )  # fmt: skip
+    return Diagnosed.of(found)
 
 
 @dataclass(frozen=True, eq=False)

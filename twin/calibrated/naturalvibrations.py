@@ -14,7 +14,7 @@ from fe.mesh.mirror import AXIS, middle_plane, mirrored, symmetry_support
 from twin.calibrated.predictions import why_none
 from twin.calibrated.problem import CalibrationProblem
 from twin.effects.protocol import Unsolvable
-from twin.gravity import density, is_heavy, of_targets, pulls_across
+from twin.gravity import is_heavy, of_targets, pulls_across, with_density
 from twin.judging.fitrecord import FitRecord
 from twin.model.prediction import Model
 from twin.targets import Array
@@ -22,6 +22,7 @@ from twin.targets import Array
 SECTIONS = 24  # along the finger, in each of which the mean motion is taken
 TONNE = 1e-6  # of a gram
 ON_PLANE = 1e-6  # mm
+UP = "bends up and down"
 STEP = 0.01  # of a parameter's sd, over which a frequency is differenced
 
 
@@ -80,7 +81,7 @@ def vibrations(problem: CalibrationProblem, record: FitRecord, asked: WantedVibr
 def check_density(problem: CalibrationProblem, record: FitRecord, kg_m3: float | None) -> None:
     """ValueError where neither the model nor kg_m3 states the density of every material."""
     model = problem.model()
-    _with_density(model.put(model.named(record.fit.theta)).case, kg_m3)
+    with_density(model.put(model.named(record.fit.theta)).case, kg_m3)
 
 
 def _at(
@@ -97,7 +98,7 @@ def _at(
         first = {name: float(shares[0]) for name, shares in targets.shares.items()}
         case = replace(case, shares={**case.shares, **first})
     weighs = is_heavy(case)
-    case = _with_density(case, asked.kg_m3)
+    case = with_density(case, asked.kg_m3)
     if symmetry_support(case) is not None and (_aside(case, asked) or (weighs and pulls_across(path))):
         case = mirrored(case)
     felt = HeldLoad(float(path.at_output()[0]), path.gravity if weighs else 0 * path.gravity)
@@ -111,20 +112,6 @@ def _at(
     masses = [Attached(place, TONNE * grams) for place, grams in asked.attached.values()]
     found = modes(loaded, count=asked.count, attached=masses, loss=asked.loss)
     return Vibrating(case, pressure, loaded.state.u, found, None)
-
-
-def _with_density(case: Case, kg_m3: float | None) -> Case:
-    """The case whose materials all have a density: their own, or the given one where they have none."""
-    bare = [name for name, m in case.materials.items() if not m.density]
-    if bare and kg_m3 is None:
-        raise ValueError(
-            f"density of the silicone ({', '.join(bare)}): not stated, and frequencies need its mass; add "
-            "density_kg_m3 under [model] of twin.toml (then the model has weight, and twin calibrate runs "
-            "again), or type --density 1070 (kg/m3) here"
-        )
-    typed = density(kg_m3 or 0.0)
-    given = {name: replace(m, density=m.density or typed) for name, m in case.materials.items()}
-    return replace(case, materials=given)
 
 
 def _aside(case: Case, asked: WantedVibrations) -> bool:
@@ -153,7 +140,7 @@ def motion_of(case: Case, shape: Array, sideways: bool) -> str:
     if aside > 0.5:
         return "sways aside"
     if along + up > 0.5:
-        return "bends up and down"
+        return UP
     return "twists" if sideways or _twists(case, shape, mass) else "walls breathe"
 
 

@@ -8,6 +8,7 @@ way that the film could not show: C20 is uncertain then, as far as the film leav
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +71,7 @@ class Prediction:
     factors (q, s, p, 3) mm: independent errors of 1 sd each. beyond (s,): whether the pressure is above the
     tested one. angle (s,) degrees, by which the end face turns about y, from z to x, with its sd (s,); why:
     why there is no interval, "" where there is one. shape (s, n, 3) mm: displacements of all nodes, as the
-    model has them.
+    model has them. beside: what came to statics (s, p, 3) mm, which are u else; None where nothing did.
     """
 
     time: Array
@@ -83,11 +84,23 @@ class Prediction:
     angle_sd: Array
     shape: Array
     why: str = ""
+    beside: "Beside | None" = None
+    statics: Array | None = None
 
     @property
     def sd(self) -> Array:
         """The sd (s, p, 3) mm of every displacement."""
         return np.asarray(np.sqrt((self.factors**2).sum(axis=0)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beside:
+    """What comes to statics along one course: u (s, p, 3) mm in all steps of a model, 0 before the course,
+    its independent errors factors (q, s, p, 3) mm, and shape (k, n, 3) mm of all nodes in the course."""
+
+    u: Array
+    factors: Array
+    shape: Array
 
 
 def predicted(
@@ -96,10 +109,14 @@ def predicted(
     courses: Sequence[WantedCourse],
     places: Mapping[str, Array],
     say: Say,
+    *,
+    beside: Callable[[Model, Array, slice, Array, Array], Beside | None] | None = None,
 ) -> list[Prediction]:
     """Predictions of a fitted model, one for each course, at places (3,) mm by name.
 
-    Raises Unsolvable where there is no equilibrium.
+    beside: what comes to statics, None for nothing, from the model, theta, the steps of a course, and u (s,
+    p, 3) mm and factors (q, s, p, 3) mm of statics in all steps. Raises Unsolvable where there is no
+    equilibrium.
     """
     targets = problem.targets
     extended, model = followed(problem, record, courses, places, say)
@@ -107,16 +124,21 @@ def predicted(
     tested = SAME * float(targets.log_pressure.max())
     beyond = any(course.pressure.max() > tested for course in courses)
     u, factors = with_errors(model, record, targets, extended, beyond=beyond)
+    starts = len(targets.time) + np.cumsum([0, *(1 + len(course.output) for course in courses)])
+    steps = [slice(int(a) + 1, int(b)) for a, b in pairwise(starts)]  # the first is the rest before them
+    statics = u
+    came = [beside(model, fit.theta, rows, u, factors) if beside else None for rows in steps]
+    for more in filter(None, came):
+        u, factors = u + more.u, np.concatenate([factors, more.factors])
     angle, turns = turned(extended.names, u, factors, np.array(ends(problem)))
     columns, solution = [extended.names.index(name) for name in places], model.solution(fit.theta)
     node_count = len(problem.case.nodes)  # of a whole made of a half, the half comes first
-    out, done = [], len(targets.time)
-    for course in courses:
-        rows = slice(done + 1, done + 1 + len(course.output))  # the first is the rest before it
-        done = rows.stop
+    out = []
+    for course, rows, added in zip(courses, steps, came, strict=True):
         pressure = np.interp(course.output, course.time, course.pressure)
         # what hangs on it has pulled the rest before it already
         before = [rows.start - 1] if course.loads is None else targets.reference.tolist()
+        shape = _shape(solution.fields, rows, before)[:, :node_count]
         out.append(Prediction(
             time=course.output,
             pressure=pressure,
@@ -126,8 +148,10 @@ def predicted(
             beyond=pressure > tested,
             angle=angle[rows],
             angle_sd=np.sqrt((turns[:, rows] ** 2).sum(axis=0)),
-            shape=_shape(solution.fields, rows, before)[:, :node_count],
+            shape=shape + added.shape[:, :node_count] if added else shape,
             why=why_none(record),
+            beside=added,
+            statics=statics[rows][:, columns] if added else None,
         ))  # fmt: skip
     return out
 

@@ -56,6 +56,13 @@ class Carried:
         return Carried(min(self.fitted, most), min(self.held_out, most))
 
 
+def reached_stretch(model: Model, theta: Array) -> float:
+    """The largest principal stretch in the finger at the end of each path, at theta (d,)."""
+    solution = model.solution(theta)
+    problem = Problem.of(solution.case)
+    return max(largest_stretch(problem, curve.u[-1])[0] for curve in solution.curves)
+
+
 @dataclass(frozen=True)
 class CalibrationProblem:
     """Targets, the structure that shows them, and which constants of its law are free.
@@ -137,9 +144,7 @@ class CalibrationProblem:
         """The problem with the curves as far as a model stretches the finger at theta (d,)."""
         if not self.tests or self.jobs is not None:
             return self
-        solution = model.solution(theta)
-        problem = Problem.of(solution.case)
-        return self.stretched(max(largest_stretch(problem, curve.u[-1])[0] for curve in solution.curves))
+        return self.stretched(reached_stretch(model, theta))
 
     @property
     def of_film(self) -> Self:

@@ -1,12 +1,13 @@
 """The commands of `twin`, one file each, named as they are typed. A command reads its inputs, calls the
 rooms below, says what it did and writes a run.
 
-In the order of a project: `demo`, `init` (`initlike` for --like, `initsilicone` for --like with --body),
-`setup`, `virtual`, `print` (`printframe` for --frame), `look`, `check`, `pick`, `camera`, `measure`,
-`calibrate` (`calibratelaws` for --laws), `compare` (`comparetwo` for two projects), `diagnose`, `explain`,
-`confirm`, `add`, `drop`, `profile`, `posterior`, `pareto`, `modes`, `explore` (`exploredesign` for
---export), `predict` (`predictobject` for --object, `predictchambers` for --shares, `predictweights` for
---weight), `export` (`exportasset` for a simulator), `study`, `review`, `recalibrate` (`recalibrateall` for
-a folder of batches), `batches`, `list`, `trust`. `twin.chain` lists them, with what each stage reads and
-writes.
+A project begins with `demo`, `init` (`initlike` for --like, `initsilicone` for --like with --body), `setup`
+or `virtual`. `print` (`printframe` for --frame), `look`, `check` and `pick` prepare it. Its stages are
+`camera`, `measure`, `calibrate` (`calibratelaws` for --laws), `compare` (`comparetwo` for two projects),
+`diagnose`, `add` and `review`. What else is asked of effects: `explain`, `confirm`, `drop`. What is asked of
+a fit: `profile`, `posterior`, `pareto`, `explore` (`exploredesign` for --export), `modes`, `ringing`,
+`study`. `predict` has `predictobject` for --object, `predictchambers` for --shares, `predictweights` for
+--weight and `predictfast` for a fast course; `export` has `exportasset` for a simulator. Batches are those of
+`recalibrate` (`recalibrateall` for a folder of them) and `batches`. `list` and `trust` keep track.
+`twin.chain` lists all, with what each stage reads and writes.
 """

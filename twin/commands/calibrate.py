@@ -16,10 +16,13 @@ from twin.bench.engines import check_embedded
 from twin.bench.filmedge import FilmEdge
 from twin.bench.fits import former_fit
 from twin.bench.workbench import Workbench, as_far_as_it_carries
+from twin.calibrated.problem import reached_stretch
 from twin.commands.calibratelaws import run_laws
 from twin.judging.intervals import fit_record
 from twin.judging.jointfit import doubt_of_tests
+from twin.laws.law import Constants
 from twin.messages import Say
+from twin.model.prediction import Model
 from twin.project.folder import Project, Run
 from twin.sanity import doubts, fit_fault, silicone_doubt, stability_doubt
 from twin.study.carrying import carried, cut, in_words
@@ -100,7 +103,7 @@ def run_calibrate(
     constants = bench.elasticity.constants(model.named(fit.theta))
     if doubt := silicone_doubt(constants, end=_end(fit)):
         say(doubt)
-    if doubt := stability_doubt(constants):
+    if doubt := _stability(bench, model, fit, constants):
         say(doubt)
     if crossed:
         say(f"{crossed}. Set self_contact = true in [model] of twin.toml: then they push on each other.")
@@ -141,6 +144,18 @@ def _former_values(
         except files.UNREADABLE:  # it is gone, or broken: a fit begins elsewhere
             return {}
     return {} if fit is None else {n: row.value for n, row in fit.parameters.items() if n not in law}
+
+
+def _stability(bench: Workbench, model: Model, fit: Fit, constants: Constants) -> str:
+    """A sentence where a C01 below zero is no silicone's, or not stable as far as the model is stretched."""
+    if "C01" not in (names := [p.name for p in fit.parameters]) or bench.jobs is not None:
+        return stability_doubt(constants)
+    row = names.index("C01")
+    if fit.theta[row] >= 0.0:
+        return ""
+    scale = max(fit.chi2 / max(fit.degrees_of_freedom, 1), 1.0)  # what is not understood is taken for noise
+    sd = float(np.sqrt(np.nan_to_num(fit.covariance[row, row], nan=np.inf) * scale))
+    return stability_doubt(constants, sd=sd, stretch=reached_stretch(model, fit.theta))
 
 
 def _ended(fit: Fit) -> str:

@@ -3,21 +3,24 @@
 import shlex
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from twin.batches.former import camera_kept
 from twin.bench.fits import fresh, named_effects
 from twin.chain import STAGES, TARGETS, Stage, When
 from twin.coupons.pulltest import pull_tests
 from twin.gauge.pressurelog import Log
+from twin.inputs.elsewhere import import_targets, said_of_targets
 from twin.inputs.films import OneFilm, films_of
-from twin.inputs.recordings import import_targets, said_of_targets
 from twin.messages import Say
 from twin.project.cameratables import CameraTable
 from twin.project.config import EMBEDDED
 from twin.project.folder import Project
 from twin.project.framesheet import said_of_sheet
 from twin.targets import PointKind, TargetPoint, Targets
+
+if TYPE_CHECKING:
+    from fe import Case
 
 
 def run_check(project: Project, say: Say) -> dict[str, Any]:
@@ -83,8 +86,9 @@ def _check_recorded(project: Project, say: Say, *, draws: bool) -> None:
     """Say what was read of the pressure log and seen in films that are not measured yet; ValueError where
     they are not right, or the log is shorter than the film."""
     pressure = project.config.pressure
-    if project.config.imported is not None and not project.targets_folder.is_dir():
-        say(f"{project.config.imported.file}: {said_of_targets(import_targets(project, say))}")
+    if project.config.imports and not project.targets_folder.is_dir():
+        names = ", ".join(table.file for table in project.config.imports)
+        say(f"{names}: {said_of_targets(import_targets(project, say)[0])}")
     if project.targets_folder.is_dir() or pressure is None or not project.config.cameras:
         return
     films = films_of(project)
@@ -181,7 +185,8 @@ def _check_effects(project: Project) -> None:
         effect(label, users=project_effects)
     for text in sought:
         effects_of(text, users=project_effects)
-    for sentence in (s for e in project_effects for s in check_effect(e, solves=False)):
+    own = [e for e in project_effects if e.origin is not None]  # open dimensions fit the body's mesh alone
+    for sentence in (s for e in own for s in check_effect(e, solves=False)):
         raise ValueError(sentence)
 
 
@@ -195,10 +200,9 @@ def _missing_files(project: Project) -> list[str]:
         return gone
     if project.targets_folder.is_dir():
         return []
-    if (imported := project.config.imported) is not None:
-        import_files = {"file": imported.file, "log": imported.log}
-        return [f"{path} (import.{key})" for key, path in import_files.items()
-                if path is not None and not project.path(path).exists()]  # fmt: skip
+    if imports := project.config.imports:
+        return [f"{path} (import.{key})" for table in imports for key in ("file", "log")
+                if (path := getattr(table, key)) is not None and not project.path(path).exists()]  # fmt: skip
     if not project.config.cameras or project.config.pressure is None:
         return ["targets/targets.csv (there is no [[cameras]] to measure them with)"]
     missing = []
@@ -252,6 +256,26 @@ def _check_motion(project: Project, targets: Targets, say: Say) -> None:
     check_plausible(project, targets, case)
     for sentence in doubts(replace(targets, points=tuple(_placed(project, targets))), case):
         say(sentence)
+    _check_inertia(project, targets, case, say)
+
+
+def _check_inertia(project: Project, targets: Targets, case: "Case", say: Say) -> None:
+    """Say which steps are not quasi-static, and what statics make of them; the model's vibration is asked for
+    where it may count."""
+    from twin.effects.requirements import SLOWEST_Hz
+    from twin.ringing.quasistatic import not_static, said
+
+    stated = project.config.calibrate.ringing_Hz
+    if stated is not None:
+        flags = not_static(targets, stated)
+        say(f"ringing_Hz = {stated:g}: {int(flags.sum())} of {len(flags)} steps are left out of all fits, as "
+            "inertia moves the finger there.")  # fmt: skip
+    elif not_static(targets, SLOWEST_Hz).any():
+        from twin.bench.firstvibration import first_vibration
+
+        hz, source = first_vibration(project, case)
+        if sentence := said(targets, hz, source):
+            say(sentence)
 
 
 def _placed(project: Project, targets: Targets) -> Iterator[TargetPoint]:

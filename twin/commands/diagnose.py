@@ -16,7 +16,7 @@ from twin.diagnosis.explanation import Explanation, explained
 from twin.diagnosis.hypotheses import Hypothesis
 from twin.diagnosis.procedure import diagnose
 from twin.diagnosis.shortlist import LATE
-from twin.effects.labels import name_of
+from twin.effects.labels import OPEN, name_of
 from twin.effects.library import all_effects, effects_of
 from twin.effects.protocol import Effect
 from twin.judging.heldout import forecasts
@@ -36,10 +36,12 @@ def run_diagnose(project: Project, say: Say) -> dict[str, Any]:
     check_embedded(project, "twin diagnose")
     check_least_squares(project, "twin diagnose")
     all_data, fit = Workbench.of(project), newest_fit(project)
-    bench, start = all_data.of_film, fit if not (all_data.tests or all_data.targets.known) else fit.theta
-    if all_data.targets.known:
+    known = all_data.targets.known
+    bench, start = all_data.of_film, fit if not (all_data.tests or known) else fit.theta
+    dimensions = tuple(k for k in known if k.name.startswith(f"{OPEN}."))  # without a prior they are no use
+    if len(known) > len(dimensions):
         say("The diagnosis asks these data alone: it fits without the priors of twin.toml.")
-        bench = replace(bench, targets=bench.targets.alone)
+        bench = replace(bench, targets=replace(bench.targets.alone, known=dimensions))
     seed = project.config.diagnose.seed
     with project.new_run("diagnose", seed=seed) as run:
         model = bench.on_mesh(bench.model(), fit.theta, say)

@@ -9,7 +9,7 @@ from twin.bench.effectchange import change_effects
 from twin.bench.effectlaws import named_effect
 from twin.bench.workbench import Workbench
 from twin.commands.add import one_after_another
-from twin.effects.labels import groups, name_of
+from twin.effects.labels import OPEN, groups, name_of
 from twin.messages import Say
 from twin.project.folder import Project
 
@@ -31,5 +31,7 @@ def _drop(project: Project, say: Say, name: str) -> dict[str, Any]:
     gone = next((names for names in named if names <= present), None)
     if gone is None:
         raise ValueError(f"effect {name!r} is not in the model, which has {', '.join(labels) or 'none'}")
+    if OPEN in gone:
+        raise ValueError(f"{OPEN} is [model.open] of twin.toml: remove that table, and run twin calibrate")
     remaining = tuple(label for label in labels if name_of(label) not in gone)
     return change_effects(Workbench.of(project), "drop", remaining, {}, say)

@@ -67,7 +67,7 @@ def run_export(
     say: Say,
     form: Annotated[str, Argument(
         metavar="FORM", help="abaqus or calculix: a deck; json or csv: a table of the response; table, "
-        "mujoco or pyelastica: a rod of sections, with a card that says how well it follows")],
+        "mujoco, newton or pyelastica: a rod of sections, with a card that says how well it follows")],
     *,
     pressure: Annotated[str, Option(
         help="of a deck, such as 20kPa; by default the highest of the film")] = "",

@@ -14,13 +14,12 @@ from fe.mesh.finger import NAMED_NODES
 from twin import files
 from twin.bodies.kinds import BODIES, BodyTable
 from twin.formats.catalogue import format_of, read_recorded
-from twin.formats.importtable import ImportTable
 from twin.formats.meshgroups import MESHES, deck_of
-from twin.formats.recorded import plain
+from twin.formats.recorded import PIXEL, Recorded, plain
 from twin.gauge.pressuretable import PressureTable
 from twin.marktables import FrameTable, MarkerTable, PointTable
 from twin.messages import Say
-from twin.project.cameratables import BoardTable, CameraTable
+from twin.project.cameratables import BoardTable, CameraTable, RecordingTable
 from twin.project.config import CalibrateTable, Config, ProjectTable, usual_objective
 from twin.project.folder import Project, named_after
 from twin.project.targetfiles import read_targets
@@ -61,10 +60,10 @@ def run_init(
 
     Another program's file becomes targets by `twin measure`. density_kg_m3: of a silicone that was weighed.
     """
-    if pressure_from or hold_out:
+    if pressure_from:
         return _init_of_takes(
             folder, say, targets, pressure_from, nodes=nodes, hold_out=hold_out, axes=axes, sd_mm=sd_mm,
-            deck=deck, body=body, finger=finger, density_kg_m3=density_kg_m3,
+            deck=deck, body=body, finger=finger, density_kg_m3=density_kg_m3, unit=unit,
         )  # fmt: skip
     of_mesh = {"pressure_set": pressure_set, "clamp_set": clamp_set, "axes": axes, "unit": unit}
     if deck is not None and deck.suffix.lower() in MESHES:
@@ -72,8 +71,9 @@ def run_init(
             folder, say, deck, of_mesh, targets=targets, form=form, nodes=nodes, like=like,
             density_kg_m3=density_kg_m3, finger=finger, sd_mm=sd_mm, still=still,
         )  # fmt: skip
-    if any(of_mesh.values()):
-        name, value = next((name, value) for name, value in of_mesh.items() if value)
+    of_recording = ("axes", "unit") if targets is not None else ()
+    if wrong := {name: value for name, value in of_mesh.items() if value and name not in of_recording}:
+        name, value = next(iter(wrong.items()))
         raise ValueError(
             f"--{name.replace('_', '-')} {value}: of a mesh of Gmsh or VTK, {', '.join(MESHES)}; a deck "
             "states pressure and clamp itself, by *DSLOAD and *BOUNDARY, has x along the finger, z up, and "
@@ -104,19 +104,19 @@ def run_init(
     if targets is None:
         places = shape.body.places if shape else {}
         config = film_config(name, builtin_points | node_points, places.get("tip", TIP))
-    elif form is None and (targets / "targets.csv").is_file():
+    elif form is None and (targets / "targets.csv").is_file() and not (axes or unit or hold_out):
         config = targets_config(name, _read(targets, node_points), builtin_points | node_points)
     else:
         config, missing_keys = import_config(
-            name, targets, form or format_of(targets), known=builtin_points, told=node_points,
-            say=say, sd_mm=sd_mm, still=_still(still),
+            name, targets, form, known=builtin_points, told=node_points, say=say, hold_out=hold_out,
+            stated={"sd_mm": sd_mm, "still_steps": _still(still), "axes": axes or None, "unit": unit or None},
         )  # fmt: skip
-    if (sd_mm is not None or still) and config.imported is None:
+    if (sd_mm is not None or still) and not config.imports:
         raise ValueError(
             f"{'--still' if still else '--sd-mm'} {still or sd_mm}: of another program's file; a folder of "
             "targets states its own under [noise] of targets.toml"
         )
-    if config.imported is None or own_deck is not None or shape:  # else its dimensions are still to be stated
+    if not config.imports or own_deck is not None or shape:  # else its dimensions are still to be stated
         _check_points(config, own_deck, shape, say)
     model: dict[str, Any] = {"density_kg_m3": density_kg_m3, kind: shape}
     model |= {"deck": f"raw/{deck.name}"} if deck else {}
@@ -164,7 +164,7 @@ def _init_of_mesh(
 def _init_of_takes(
     folder: Path, say: Say, targets: Path | None, pressure_from: str, *, nodes: Sequence[str],
     hold_out: Sequence[str], axes: str, sd_mm: float | None, deck: Path | None, body: str,
-    finger: Sequence[str], density_kg_m3: float | None,
+    finger: Sequence[str], density_kg_m3: float | None, unit: str,
 ) -> dict[str, Any]:  # fmt: skip
     """Result of `run_init` with the targets of a folder of recordings, one a pressure."""
     from twin.bodies.finger import BuiltIn
@@ -173,9 +173,7 @@ def _init_of_takes(
     from twin.project.targetfiles import write_targets
 
     if pressure_from != "name":
-        raise ValueError(
-            f"--pressure-from {pressure_from or '(nothing)'}: wanted name; --hold-out goes with it alone"
-        )
+        raise ValueError(f"--pressure-from {pressure_from}: wanted name")
     if targets is None or not targets.is_dir():
         raise ValueError(f"--targets {targets}: wanted a folder of recordings, a file a pressure")
     if sd_mm is None:
@@ -193,8 +191,9 @@ def _init_of_takes(
         outside = case.face_nodes("outside")
     places = {plain(point.name): np.array(point.position_mm) for point in points}
     found, table, remarks = takes_targets(
-        targets, places, case=case, outside=outside, sd_mm=sd_mm, axes=axes, held_out=hold_out
-    )
+        targets, places, case=case, outside=outside, sd_mm=sd_mm, axes=axes, unit=unit,
+        held_out=hold_out,
+    )  # fmt: skip
     with tempfile.TemporaryDirectory() as scratch:
         write_targets(Path(scratch) / "targets", found)
         done = run_init(
@@ -219,10 +218,10 @@ def _fill(draft: Path, config: Config, targets: Path | None, deck: Sequence[Path
     """Copy targets, another program's file and deck into a project; one for a film gets empty folders."""
     if targets is None:
         (draft / "raw" / "boards").mkdir(parents=True)
-    elif config.imported is None:
+    elif not config.imports:
         _copy_targets(targets, draft / "targets")
     else:
-        place = draft / config.imported.file
+        place = draft / "raw" / targets.name
         place.parent.mkdir()
         shutil.copytree(targets, place) if targets.is_dir() else shutil.copy2(targets, place)
     for file in deck:
@@ -233,29 +232,32 @@ def _fill(draft: Path, config: Config, targets: Path | None, deck: Sequence[Path
 
 def _say_next(folder: Path, config: Config, missing_keys: Mapping[str, str], say: Say) -> None:
     """Say what the user has to state in twin.toml, and the next command."""
-    if config.imported is None:
+    if not config.imports:
         say(f"Next: `twin check --project {files.typed(folder)}` says what is still missing.")
         return
     if missing_keys:
-        say(f"{config.imported.file} does not say all. State under [import] of twin.toml:")
+        say(f"{config.imports[0].file} does not say all. State under [import] of twin.toml:")
     for key, what in missing_keys.items():
         say(f"  {key}: {what}.")
     say(f"Next: `twin measure --project {files.typed(folder)}` makes the targets of it.")
 
 
 def import_config(
-    name: str, targets: Path, form: str, *, known: Mapping[str, PointTable], told: Mapping[str, PointTable],
-    say: Say, sd_mm: float | None = None, still: str | list[list[int]] | None = None,
+    name: str, targets: Path, form: str | None, *, known: Mapping[str, PointTable],
+    told: Mapping[str, PointTable], say: Say, stated: Mapping[str, Any], hold_out: Sequence[str] = (),
 ) -> tuple[Config, dict[str, str]]:
-    """A configuration for another program's file, and the keys of [import] that are still to be stated, each
-    with what it has to say. ValueError where the file is not right, or has no point whose place is stated.
+    """A configuration for another program's file, or a folder of its recordings, and the keys of [import]
+    that are still to be stated, each with what it has to say. ValueError where the file is not right, or has
+    no point whose place is stated.
 
-    known: the points that the file may have.   told: those that it must have.
+    known: the points that the file may have.   told: those that it must have.   stated: keys of [import].
+    hold_out: parts of the names of recordings that no fit may see.
     """
-    from twin.formats.recorded import PIXEL
-    from twin.formats.supplied import across_doubt, mm_per_unit, still_wanted, turned
+    from twin.formats.supplied import still_wanted
 
-    recorded = read_recorded(targets, form)
+    recordings = recordings_in(targets, form) or {targets: None}
+    form = form or format_of(next(iter(recordings)))
+    recorded = read_recorded(next(iter(recordings)), form)
     told = {plain(p.name): p.model_copy(update={"name": plain(p.name)}) for p in told.values()}
     listed = ", ".join(recorded.names[:12])
     if missing := [p for p in told if p not in recorded.names]:
@@ -266,20 +268,56 @@ def import_config(
             f"no point has a place on the finger; wanted --node NAME=LABEL or --node NAME=X,Y,Z in mm for "
             f"those that do: the file has {listed}"
         )
-    keys = {"file": f"raw/{targets.name}", "format": form, "axes": recorded.axes or None, "sd_mm": sd_mm,
-             "still_steps": still}  # fmt: skip
-    table = checked(ImportTable, keys, name="--targets, --format, --sd-mm, --still")
+    if lost := [part for part in hold_out if not any(part in path.name for path in recordings)]:
+        files_of = ", ".join(path.name for path in recordings)
+        raise ValueError(f"--hold-out {lost[0]}: in no file's name; wanted a part of one of {files_of}")
+    stated = {**stated, "axes": stated.get("axes") or recorded.axes or None, "format": form}
+    tables = tuple(
+        checked(RecordingTable, {
+            **stated, "name": plain(path.stem), "file": _raw(path, targets),
+            "log": log and _raw(log, targets), "held_out": any(part in path.name for part in hold_out),
+        }, name="--targets, --format, --sd-mm, --still, --axes, --unit")
+        for path, log in recordings.items()
+    )  # fmt: skip
     objective = usual_objective(points)
     config = Config(
         project=ProjectTable(name=name), points=points, calibrate=CalibrateTable(objective_points=objective)
     )
-    unstated = still_wanted(recorded, table)
-    if recorded.axes and recorded.unit != PIXEL:
-        place = turned(recorded.position * mm_per_unit(recorded, table), recorded.axes)
-        named = [p for p, one in enumerate(recorded.names) if one in {point.name for point in points}]
-        if doubt := across_doubt((place - place[0])[:, named], recorded.axes):
-            say(doubt)
-    return config.model_copy(update={"imported": table}), unstated
+    _say_across(recorded, tables[0], points, say)
+    config = config.model_copy(update={"imports": tables})
+    config.check()
+    return config, still_wanted(recorded, tables[0])
+
+
+def _raw(path: Path, targets: Path) -> str:
+    """Where a file lies in the project, that is or lies in what --targets names."""
+    return (Path("raw") / targets.name / path.relative_to(targets)).as_posix()
+
+
+def recordings_in(folder: Path, form: str | None) -> dict[Path, Path | None]:
+    """The recordings in a folder, a file each, with the log of each where the folder has one: of `arm 1.c3d`
+    arm 1 log.csv, or ... pressure.csv. None for a file, and for a folder that is one recording."""
+    kinds = {"c3d": ".c3d", "csv": ".csv", "anipose": ".csv", "deeplabcut": ".csv"}
+    suffix = kinds.get(form or ("c3d" if any(folder.glob("*.c3d")) else ""))
+    if not folder.is_dir() or suffix is None:
+        return {}
+    every = sorted(f for f in folder.iterdir() if f.suffix.lower() in (suffix, ".csv"))
+    is_log = re.compile(r"(?i)(.+?)[ _-]*(?:log|pressure)")
+    logs = {f: match[1] for f in every if (match := is_log.fullmatch(f.stem))}
+    found = [f for f in every if f not in logs and f.suffix.lower() == suffix]
+    return {f: next((log for log, stem in logs.items() if stem == f.stem), None) for f in found}
+
+
+def _say_across(recorded: Recorded, table: RecordingTable, points: Sequence[PointTable], say: Say) -> None:
+    """Say where the points move across, as where a picture's height is taken for y."""
+    from twin.formats.supplied import across_doubt, mm_per_unit, turned
+
+    if not table.axes or recorded.unit == PIXEL or not (recorded.unit or table.unit):
+        return
+    place = turned(recorded.position * mm_per_unit(recorded, table), table.axes)
+    named = [p for p, one in enumerate(recorded.names) if one in {point.name for point in points}]
+    if doubt := across_doubt((place - place[0])[:, named], table.axes):
+        say(doubt)
 
 
 def _still(text: str) -> str | list[list[int]] | None:
@@ -438,7 +476,8 @@ def _typed(point: PointTable) -> str:
 
 def _point(text: str) -> PointTable:
     """The point that NAME=LABEL, NAME=X,Y,Z or NAME=X,Y,Z,STANDOFF states."""
-    name, _, place = text.partition("=")
+    name, _, place = text.rpartition("=")
+    name = name and plain(name)
     try:
         if name and place.isdigit():
             return PointTable(name=name, node=int(place))

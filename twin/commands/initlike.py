@@ -91,8 +91,9 @@ def _wanted(former: Project) -> list[str]:
 def _wanted_films(former: Project) -> list[str]:
     """Films, logs and times that the user has to bring, one sentence each."""
     cameras, log = former.config.cameras, former.config.pressure
-    if (foreign := former.config.imported) is not None:
-        return [f"Put {', '.join(filter(None, (foreign.file, foreign.log)))} there."]
+    if foreign := former.config.imports:
+        named = dict.fromkeys(file for table in foreign for file in (table.file, table.log) if file)
+        return [f"Put {', '.join(named)} there."]
     if not cameras or log is None:
         return ["Put the batch's displacements into targets/."]
     several = former.config.films

@@ -18,14 +18,13 @@ from twin.gauge.clockfit import check_clock
 from twin.gauge.pressurelog import GaugeNoise, Log
 from twin.gauge.synchrony import Join, Motion
 from twin.inputs.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
+from twin.inputs.elsewhere import import_inputs, import_targets
 from twin.inputs.films import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
 from twin.inputs.filmtargets import make_targets, read_late, said_of_log_rate, said_of_readout
 from twin.inputs.outlines import SeenOutline, outline_tells, seen_outline
 from twin.inputs.recordings import (
     face_of,
     gauge_of,
-    import_inputs,
-    import_targets,
     log_of,
     marks_of,
     measure_inputs,
@@ -101,7 +100,7 @@ def run_measure(
     ValueError where targets from other inputs are there. With `renew` these become targets-0001, -0002, ...
     """
     result = _measured(project, say, replace, renew)
-    if budget and project.config.imported is not None:
+    if budget and project.config.imports:
         raise ValueError(
             "--budget: the targets come from another program's file, which does not say what its error is "
             "made of; leave it out"
@@ -114,7 +113,7 @@ def run_measure(
 
 
 def _measured(project: Project, say: Say, replace: bool, renew: bool) -> dict[str, Any]:
-    foreign = project.config.imported is not None
+    foreign = bool(project.config.imports)
     camera = Path() if foreign else camera_path(project)
     how = import_inputs(project) if foreign else all_inputs(project, camera)
     (done, why), killed = project.compared("measure", **how), project.killed("measure", **how)
@@ -133,7 +132,8 @@ def _measured(project: Project, say: Say, replace: bool, renew: bool) -> dict[st
     with project.new_run("measure", **how) as run:
         source = SourceRecord(run=run.name)
         if foreign:
-            targets = _from_foreign(project, say, run)
+            targets, sources = _from_foreign(project, say, run)
+            source = SourceRecord(run=run.name, films=sources)
         elif each:
             targets, sources = _joint(project, run, each)
             source = SourceRecord(run=run.name, films=sources)
@@ -156,11 +156,11 @@ def _not_of_now(newest: Path | None, why: Sequence[str], owner: str | None) -> s
     return f"of {owner}, since which this is no more: {why[0]}"
 
 
-def _from_foreign(project: Project, say: Say, run: Run) -> Targets:
-    """The targets of another program's file."""
-    targets = import_targets(project, say)
+def _from_foreign(project: Project, say: Say, run: Run) -> tuple[Targets, tuple[SourceFilm, ...]]:
+    """The targets of another program's recordings, and where several come from."""
+    targets, rows = import_targets(project, say)
     run.summary.update(_counts(targets) | {"remarks": [*said_of_log_rate(targets)]})
-    return targets
+    return targets, tuple(row.model_copy(update={"run": run.name}) for row in rows)
 
 
 def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:

@@ -21,6 +21,14 @@ from twin.calibrated.objectforce import beside, rising, touched
 from twin.calibrated.positions import asked
 from twin.calibrated.predictions import NORMAL, Prediction, WantedCourse, predicted, pressure_of
 from twin.commands.predictchambers import filling_notes, shares_of_words
+from twin.commands.predictfast import (
+    PredictedInertia,
+    check_options,
+    or_statics,
+    swing_of_course,
+    swung,
+    told_swing,
+)
 from twin.commands.predictobject import (
     PredictedContact,
     PredictedForce,
@@ -67,6 +75,9 @@ class PredictedPoint(Record):
     low_mm: tuple[Maybe, Maybe, Maybe] = Field(description="95 % interval; null where the fit has none")
     high_mm: tuple[Maybe, Maybe, Maybe]
     beyond: bool = Field(description="above the pressure that was tested")
+    static_mm: tuple[Finite, Finite, Finite] | None = Field(
+        default=None, description="without inertia; null where it is left out"
+    )
 
 
 class PredictedAngle(Record):
@@ -99,6 +110,9 @@ class PredictionRecord(Record):
     blocked: tuple[PredictedForce, ...] = Field(default=(), description="a row a pressure")
     object: str = Field(default="", description="what the finger meets, as it was asked for")
     contact: tuple[PredictedContact, ...] = Field(default=(), description="a row a time beside the object")
+    inertia: PredictedInertia | None = Field(
+        default=None, description="of a fast course; null: every state is an equilibrium"
+    )
     note: str = Field(default="", description="why there are no intervals, and what was not tested")
 
 
@@ -111,19 +125,24 @@ def run_predict(
     course: Annotated[Path | None, Option(help="pressure log to follow instead, CSV")] = None,
     inverse: Annotated[Sequence[str], Option(help="the pressure that gives a motion, tip.U3=-40 mm")] = (),
     at: Annotated[Sequence[str], Option(help="a point, x=60, or x,y,z in mm; once for each")] = (),
-    ramp_s: Annotated[float, Option(help="time in which a held pressure is reached, s")] = 2.0,
+    ramp_s: Annotated[float, Option(help="s until a held pressure is reached")] = 2.0,
     hold_s: Annotated[float, Option(help="time for which it is held, s")] = 2.0,
     gravity: Annotated[str, Option(help="its direction X,Y,Z, if other than in the film")] = "",
     shares: Annotated[Sequence[str], Option(
-        help="of several chambers, what of the pressure one carries, LEFT=1.0")] = (),
+        help="part of the pressure that a chamber carries, LEFT=1")] = (),
     weight: Annotated[Sequence[str], Option(help="g that hang at a point, such as tip=20")] = (),
     blocked: Annotated[bool, Option(
-        "--blocked", help="also the force of the finger whose end is kept at its height")] = False,
+        "--blocked", help="also the force with the end kept at its height")] = False,
     object: Annotated[str, Option(  # noqa: A002 - as it is typed
-        help="also the force on a rigid object: cylinder:d=40,x=70,z=-30 (mm)")] = "",
+        help="force on an object too: cylinder:d=40,x=70,z=-30 (mm)")] = "",
+    dynamics: Annotated[bool, Option(
+        "--dynamics", help="with inertia, however slow the course is")] = False,
+    loss: Annotated[float | None, Option(help="loss factor of the silicone, beside its creep")] = None,
+    density: Annotated[float | None, Option(help="of the silicone in kg/m3, if twin.toml has none")] = None,
 ) -> dict[str, Any]:
     """Displacements of points and the turn of the tip, each with its 95 % interval, under held pressures,
-    hung weights or along the course of a log; or at the pressures that give wanted displacements."""
+    hung weights or along the course of a log; or at the pressures that give wanted displacements. A fast
+    course moves the finger with its inertia."""
     if object and inverse:
         raise ValueError("--object: wanted --pressure or --course beside it, not --inverse")
     object_text = "" if inverse else object or project.config.model.object or ""
@@ -132,6 +151,7 @@ def run_predict(
     courses = _courses(pressure, course, motions, ramp_s=ramp_s, hold_s=hold_s, hung=bool(weight))
     if blocked and not pressure:
         raise ValueError("--blocked: wanted a pressure beside it, such as --pressure 20kPa")
+    check_options(dynamics=dynamics, loss=loss, density=density, course=course is not None)
     check_embedded(project, "twin predict")
     bench = Workbench.of(project)
     load: dict[str, Any] = {"gravity": _gravity(bench, gravity)}
@@ -142,11 +162,16 @@ def run_predict(
         beside(bench.model(), courses[0], obstacle)  # refuses before anything is solved
     fit = files.read(FitRecord, fit_file(project))
     places = asked(bench, [*at, *(motion.point for motion in motions)])
+    swing, left_out = None, list[str]()
+    if course:
+        courses[0], swing = swing_of_course(
+            bench, fit, courses[0], left_out, dynamics=dynamics, loss=loss, density=density
+        )
     inputs = [project.targets_folder, *project.deck_files(), *([course] if course else [])]
     extra = {
         "pressure": list(pressure), "inverse": list(inverse), "at": list(at), "ramp_s": ramp_s,
         "hold_s": hold_s, "gravity": gravity, "blocked": blocked, "object": object, "shares": list(shares),
-        "weight": list(weight),
+        "weight": list(weight), "dynamics": dynamics, "loss": loss, "density": density,
     }  # fmt: skip
     with project.new_run("predict", inputs=inputs, extra=extra) as run:
         say.progress("predict", 0, 1)
@@ -155,7 +180,8 @@ def run_predict(
         if inverses:
             courses, predictions = [i.course for i in inverses], [i.prediction for i in inverses]
         else:
-            predictions = predicted(bench, fit, courses, places, say)
+            swings = swing if dynamics or swing is None else partial(or_statics, swing, left_out)
+            predictions = predicted(bench, fit, courses, places, say, beside=swings)
         forces = [blocked_force(bench, fit, each, say) for each in courses] if blocked else []
         contacts = [touched(bench, fit, rising(each), obstacle, say) for each in courses] if obstacle else []
         record = PredictionRecord(
@@ -166,13 +192,14 @@ def run_predict(
             blocked=tuple(map(_force_row, forces)),
             object=object_text,
             contact=tuple(row for contact in contacts for row in contact_rows(contact)),
-            note=" ".join(_notes(bench, courses, predictions)),
+            inertia=swung(predictions[0], swing),
+            note=" ".join([*_notes(bench, courses, predictions), *left_out]),
         )
         _write(run, bench, record, predictions)
         if obstacle is not None:
             run.write_text("contact.csv", contact_csv(record.contact))
             run.write_bytes("contact.png", contact_picture(bench, contacts, obstacle))
-    lines = [*_lines(record, as_table=course is None)]
+    lines = [*_lines(record, as_table=course is None), *told_swing(record.inertia)]
     if obstacle is not None:
         lines += [pushed(contact, obstacle) for contact in contacts]
         lines.append(told(object_text == project.config.model.object))
@@ -268,7 +295,7 @@ def _picture(predictions: Sequence[Prediction]) -> bytes:
     return draw_prediction(
         1e3 * pressure if held else ordered[0].time, u, None if ordered[0].why else half,
         names=ordered[0].names, label="pressure, kPa" if held else "time, s",
-        beyond=np.concatenate([prediction.beyond for prediction in ordered]),
+        beyond=np.concatenate([prediction.beyond for prediction in ordered]), statics=ordered[0].statics,
     )  # fmt: skip
 
 
@@ -319,6 +346,7 @@ def _rows(prediction: Prediction) -> list[PredictedPoint]:
             low_mm=(None,) * 3 if prediction.why else tuple(prediction.u[s, k] - half[s, k]),
             high_mm=(None,) * 3 if prediction.why else tuple(prediction.u[s, k] + half[s, k]),
             beyond=bool(prediction.beyond[s]),
+            static_mm=None if prediction.statics is None else tuple(prediction.statics[s, k]),
         )
         for s, (t, p) in enumerate(zip(prediction.time, prediction.pressure, strict=True))
         for k, name in enumerate(prediction.names)
@@ -411,9 +439,11 @@ def _table(record: PredictionRecord) -> list[str]:
 
 def _csv(record: PredictionRecord) -> str:
     columns = [f"{u}_{end}" for u in ("u1", "u2", "u3") for end in ("mm", "low_mm", "high_mm")]
+    statics = [f"{u}_static_mm" for u in ("u1", "u2", "u3")] if record.inertia else []
     rows = [
         [row.time_s, row.pressure_MPa, row.point.replace(",", " "),
-         *(ends[k] for k in range(3) for ends in (row.u_mm, row.low_mm, row.high_mm)), row.beyond]
+         *(ends[k] for k in range(3) for ends in (row.u_mm, row.low_mm, row.high_mm)), row.beyond,
+         *(row.static_mm or ())]
         for row in record.points
     ]  # fmt: skip
-    return DataTable(["time_s", "pressure_MPa", "point", *columns, "beyond"], rows).csv(digits=6)
+    return DataTable(["time_s", "pressure_MPa", "point", *columns, "beyond", *statics], rows).csv(digits=6)

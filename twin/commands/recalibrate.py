@@ -64,8 +64,7 @@ def _without_films(project: Project) -> bool:
     measured elsewhere."""
     if not project.targets_folder.is_dir():
         return False
-    foreign = project.config.imported
-    named = [camera.film for camera in project.config.cameras] if foreign is None else [foreign.file]
+    named = [r.film for r in project.config.cameras] or [r.file for r in project.config.imports]
     there = all(any(project.root.glob(file)) for file in named)
     return not named or not there or not (project.targets_folder / "source.json").is_file()
 

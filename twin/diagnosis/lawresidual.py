@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from twin.judging.comparison import BRANCHES, WHILE, branches
-from twin.judging.judged import Judged
+from twin.judging.judged import Judged, free_names
 from twin.records import Record
 from twin.tablemodel import Finite
 from twin.targets import Array, Targets
@@ -67,9 +67,7 @@ def law_residual(judged: Judged, targets: Targets) -> LawResidual | None:
 
 def _added(judged: Judged) -> Array:
     """Displacements (s, p, 3) mm that the effects of a judged model add, to first order in their
-    amplitudes."""
-    rows = judged.model.jacobian(judged.theta)
+    amplitudes that are free."""
     null = {p.name: p.null for e in judged.model.effects for p in e.amplitudes}
-    names = [p.name for p in judged.model.parameters]
-    size = np.array([judged.values[n] - (null[n] or 0.0) if n in null else 0.0 for n in names])
-    return np.asarray(np.tensordot(size, rows, 1), float)
+    size = [judged.values[n] - (null[n] or 0.0) if n in null else 0.0 for n in free_names(judged.fit)]
+    return np.asarray(np.tensordot(size, judged.jacobian, 1), float)

@@ -17,9 +17,8 @@ from twin.judging.heldout import folds
 from twin.judging.judged import Judged, judge, judge_fit
 from twin.judging.lawerrorlevels import Level, asked_for, levels
 from twin.judging.lawerrors import averaged
-from twin.judging.nearfit import NEARBY
 from twin.model.keptmodel import KeptModel
-from twin.model.nearmodel import NearModel
+from twin.model.nearmodel import NEARBY, NearModel
 from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
@@ -27,6 +26,9 @@ NEAR = 2.0  # of 2 ln likelihood, that the next step would gain: then the deriva
 CLOSE = 2e-3  # or this share of its evidence: what is behind by more is told apart without
 DOUBT = 5e-3  # of an evidence, by which it may err then: of the demo 38, 28 and 0 of 10,300
 MORE = 4  # times a refit of two solves is carried on, where it would gain more
+VAIN = 2  # steps of one to where there is no equilibrium, after which the derivatives say the rest
+NEARER = (1.0, 0.5, 0.25, 0.125, 0.0625)  # of the sizes that the first order says
+IN_VAIN = "beside it the model misses more than without it"
 
 
 def with_effects(base: Judged, effects: Sequence[Effect]) -> Model:
@@ -71,16 +73,16 @@ def refitted(
     begun = [_foreseen(model, h.start, base, targets, seed), *({**h.start, **s} for s in starts)]
     rows = np.array([model.theta(_allowed(model, values, base.values)) for values in begun])
     try:
-        judged = judge(model, targets, starts=rows, seed=seed, evaluations=2, turns=0)
-        at_levels, most = levels(judged, targets), 3
-        for _ in range(MORE):
-            if judged.deviance - at_levels[0].deviance < max(NEAR, CLOSE * h.hint):
-                break
-            last = judged
-            judged = judge(model, targets, starts=last.theta, seed=seed, evaluations=most, turns=0)
-            at_levels = levels(judged, targets)
-            stuck = np.array_equal(judged.theta, last.theta)
-            most = 2 * most if stuck else 3  # a shorter step takes more tries
+        try:
+            judged, at_levels = _descended(model, targets, rows, seed, least=CLOSE * h.hint)
+            astray = judged.deviance > base.deviance
+        except Unsolvable:
+            astray = True
+        if astray:  # the start lay beyond what the first order tells
+            nearer = _nearer(model, h, base, targets, seed)
+            judged, at_levels = _descended(model, targets, nearer, seed, least=CLOSE * h.hint)
+        if judged.deviance > base.deviance:
+            return replace(h, note=IN_VAIN), None
         if exact and isinstance(model, NearModel) and not model.is_solved(judged.theta):
             model.certify(judged.theta)
             judged = judge_fit(model, targets, judged.fit)
@@ -92,6 +94,43 @@ def refitted(
     refit = Refit.of(replace(judged, model=with_effects(base, h.effects)))
     step = next(each.step for each in at_levels if each.law == score.law)
     return replace(h, refit=refit, score=score, start=_gone_on(judged, step)), judged
+
+
+def _descended(
+    model: Model, targets: Targets, starts: Array, seed: int, *, least: float
+) -> tuple[Judged, Sequence[Level]]:
+    """A refit from starts (m, d) or (d,), and its levels of law errors: two solves, carried on where the next
+    step would gain more than `least`. Raises Unsolvable."""
+    judged = judge(model, targets, starts=starts, seed=seed, evaluations=2, turns=0)
+    at_levels, most = levels(judged, targets), 3
+    for _ in range(MORE):
+        if judged.deviance - at_levels[0].deviance < max(NEAR, least):
+            break
+        last = judged
+        judged = judge(model, targets, starts=last.theta, seed=seed, evaluations=most, turns=0)
+        at_levels = levels(judged, targets)
+        stuck = np.array_equal(judged.theta, last.theta)
+        if stuck and isinstance(model, NearModel) and model.whole.failures >= VAIN:
+            break
+        most = 2 * most if stuck else 3  # a shorter step takes more tries
+    return judged, at_levels
+
+
+def _nearer(model: Model, h: Hypothesis, base: Judged, targets: Targets, seed: int) -> Array:
+    """A start (d,) with the constants of the base fit, which carry the test, and as much of the effects as
+    lies below the base model: all that the first order says, or a half, a quarter .. of it; the least that is
+    tried where none does."""
+    null = {p.name: p.null or 0.0 for e in h.effects for p in e.amplitudes}
+    for share in NEARER:
+        part = {n: null[n] + share * (x - null[n]) if n in null else x for n, x in h.start.items()}
+        theta = model.theta({**part, **base.values})
+        try:
+            tried = judge(model, targets, starts=theta, seed=seed, evaluations=1, turns=0)
+            if tried.deviance < base.deviance:
+                break
+        except Unsolvable:
+            continue
+    return theta
 
 
 def _foreseen(model: Model, start: Theta, base: Judged, targets: Targets, seed: int) -> dict[str, float]:

@@ -126,12 +126,13 @@ def draw_band(
 
 
 def draw_prediction(
-    x: Array, u: Array, half: Array | None, *, names: Sequence[str], label: str, beyond: NDArray[np.bool_]
-) -> bytes:
+    x: Array, u: Array, half: Array | None, *, names: Sequence[str], label: str, beyond: NDArray[np.bool_],
+    statics: Array | None = None,
+) -> bytes:  # fmt: skip
     """Predicted displacements u (s, p, 3) mm of named points over x (s,), with its axis label.
 
     half (s, p, 3) mm: half of the 95 % intervals, where there are any. beyond (s,): values beyond the tested
-    range, on grey ground.
+    range, on grey ground. statics (s, p, 3) mm: without inertia, dotted.
     """
     marks = "o-" if len(x) < 30 else "-"
     with style():
@@ -140,6 +141,8 @@ def draw_prediction(
         for axes, (i, title) in zip(sides, COMPONENTS, strict=True):
             for k, name in enumerate(names):
                 (line,) = axes.plot(x, u[:, k, i], marks, label=name, markersize=3.5, linewidth=1.2)
+                if statics is not None:
+                    axes.plot(x, statics[:, k, i], ":", color=line.get_color(), linewidth=1.0)
                 if half is not None:
                     ends = u[:, k, i] - half[:, k, i], u[:, k, i] + half[:, k, i]
                     axes.fill_between(x, *ends, color=line.get_color(), alpha=0.25, linewidth=0)

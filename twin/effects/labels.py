@@ -10,6 +10,7 @@ import re
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 LABEL = re.compile(rf"{NAME.pattern}(:\S([^\n]*\S)?)?")
 AND, OR = " + ", " or "
+OPEN = "open_dimensions"  # the effect of [model.open]
 KINDS = {
     "outside force": "an outside force",
     "friction": "friction on the finger",

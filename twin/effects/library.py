@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from twin.effects import labels
 from twin.effects.forces import Tube
+from twin.effects.inertia import Inertia
 from twin.effects.loads import Gravity, PressureGain, PressureLag, PressureOffset
 from twin.effects.markerslip import MarkerSlip, MarkerStandoff
 from twin.effects.material import Compressibility, Creep, Mullins, Stiffening, Thermal
@@ -19,11 +20,11 @@ def all_effects(law: RubberLaw = MOONEY_RIVLIN) -> tuple[Effect, ...]:
     """All effects that `twin diagnose` tries, each in its narrowest law, beside the base model's law.
 
     >>> [e.name for e in all_effects()][:4]
-    ['creep', 'pressure_lag', 'stiffening', 'clamp']
+    ['creep', 'pressure_lag', 'inertia', 'stiffening']
     """
     every: tuple[Effect, ...] = (
-        Creep(), PressureLag(), Stiffening(), ElasticClamp(), PressureGain(), PressureOffset(), Gravity(),
-        CameraScale(), WallTaper(), EccentricCore(), SidewaysCore(), Ballooning(), Precurvature(),
+        Creep(), PressureLag(), Inertia(), Stiffening(), ElasticClamp(), PressureGain(), PressureOffset(),
+        Gravity(), CameraScale(), WallTaper(), EccentricCore(), SidewaysCore(), Ballooning(), Precurvature(),
         StrainLimitingLayer(), HoopReinforcement(), Mullins(), Compressibility(), Thermal(), TableContact(),
         Tube(), TimeShift(), CameraRotation(), CameraTilt(), CameraBreathing(), MarkerSlip(),
         MarkerStandoff(),

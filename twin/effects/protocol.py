@@ -47,6 +47,7 @@ class Order(IntEnum):
     GAUGE_GAIN = 40  # the pressure: first what the gauge read wrong, then what the hose made of it
     GAUGE_OFFSET = 41
     LINE = 50
+    MOTION = 55  # how the finger follows the pressure in its chamber
     CLOCK = 60
     SLIP = 70  # markers, then the picture of them
     CAMERA = 80

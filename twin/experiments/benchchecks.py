@@ -110,6 +110,7 @@ CHECKS: tuple[tuple[str, Mapping[str, str]], ...] = (
             "time_shift": NOTHING,
         },
     ),
+    ("tap the tip of the finger at rest, and film it", {"inertia": "it swings on", "pressure_lag": NOTHING}),
     ("measure the temperature at the finger during a film", {"thermal": "it changes"}),
     (
         "lift the finger off everything below and beside it, and film it again",

@@ -51,7 +51,8 @@ class Simulator:
     pressure, on which gauge and lag move. parameters: those that are fitted, with unit and bounds. variants:
     effects that it can have by parameters of its own. keep: a folder for its runs, by which a diagnosis goes
     on where it was stopped; empty it where the program has changed. error_mm: how far its answers are off,
-    each by itself, beside what two runs of one question tell.
+    each by itself, beside what two runs of one question tell. finer: the same program with a finer mesh or
+    step, of which one run tells by how much its discretisation errs.
     """
 
     predict: Callable[..., Any]
@@ -59,6 +60,7 @@ class Simulator:
     variants: tuple[Variant, ...] = ()
     keep: Path | None = None
     error_mm: float = 0.0
+    finer: Callable[..., Any] | None = None
     runs: dict[str, Array] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -186,6 +188,7 @@ def simulator(
     *,
     variants: Sequence[Variant | Parameter] = (),
     keep: str | Path | None = None,
+    finer: Callable[..., Any] | None = None,
 ) -> Simulator:
     """Somebody's program for `twin.diagnose(simulator, data)`; see `Simulator`.
 
@@ -197,4 +200,4 @@ def simulator(
     array([ -0., -20.])
     """
     own = tuple(v if isinstance(v, Variant) else Variant(v) for v in variants)
-    return Simulator(predict, tuple(parameters), own, None if keep is None else Path(keep))
+    return Simulator(predict, tuple(parameters), own, None if keep is None else Path(keep), finer=finer)

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.formats.basemotion import BASE, settling_rows, without_base
 from twin.formats.importtable import ImportTable
 from twin.formats.lostpoints import identity_faults
 from twin.formats.recorded import PIXEL, Recorded, plain
+from twin.formats.settledsteps import TOP_SD, settled_step
 from twin.formats.supplied import (
     across_doubt,
     check_stated,
@@ -33,6 +35,8 @@ MOST_MODES = 90  # of references: with more points their error counts as one of 
 OFTEN = 0.9  # share of the rows in which a point is seen whose motion is compared with the pressure
 COARSE_S = 0.25  # rows farther apart cannot tell another rate from a line that lags
 DIGITS = 6  # of mm, as measured targets have
+STILL = 0.05  # of the largest motion: a marker that moves less stays
+BASE_TOLD = 3.0  # sds by which markers that stay must move to be told
 
 
 NO_COURSE = (
@@ -53,25 +57,99 @@ def targets_of(
     """
     check_stated(recorded, table, log)
     position = turned(recorded.position * mm_per_unit(recorded, table), table.axes or recorded.axes)
-    keep = _even(len(position))
-    time, rest = times_of(recorded, table), np.arange(min(table.rest_steps, len(position)))
-    keep = np.union1d(keep, rest)
+    time = times_of(recorded, table)
     pressure, between, doubt = pressure_of(recorded, table, time, log)
+    course = read_course(recorded, table, time, log)
+    position, time, pressure = (_after(table.first_step, x) for x in (position, time, pressure))
+    rest = np.arange(min(table.rest_steps, len(position)))
+    keep = np.union1d(_even(len(position)), rest)
     mean = _at_rest(position, rest)
     target_points, chosen, remarks = _points(recorded, table, mean, {point.name: point for point in points})
+    position, base_sd, told_of_base = _of_base(recorded, table, position, mean, chosen)
     every = (position - mean)[:, chosen]
     noise = _noise(every, pressure, table, thinned=len(position) / len(keep))
-    targets = _assembled(np.round(every[keep], DIGITS), target_points, noise, time=time[keep],
-                         pressure=pressure[keep], log=between, rest=np.searchsorted(keep, rest),
-                         scale_sd=table.scale_sd if recorded.unit == PIXEL else None)  # fmt: skip
+    noise = replace(noise, sd=np.hypot(noise.sd, base_sd[chosen]))
+    scale_sd = table.scale_sd if recorded.unit == PIXEL else None
+    if table.top_kPa is None:
+        targets = _assembled(np.round(every[keep], DIGITS), target_points, noise, time=time[keep],
+                             pressure=pressure[keep], log=between, rest=np.searchsorted(keep, rest),
+                             scale_sd=scale_sd)  # fmt: skip
+    else:
+        targets, told_of_step = _step(table, every, time, target_points, noise, scale_sd)
+        remarks, keep = [*remarks, told_of_step], np.arange(len(position))
     targets = with_own_noise(targets)
     told = [targets.noise.basis] if targets.noise and (not table.sd_mm or targets.noise is not noise) else []
     moved = every[:, [p for p, point in enumerate(target_points) if point.kind is not PointKind.FIXED]]
     across = across_doubt(moved, table.axes or recorded.axes)
     remarks += [*_identities(recorded, position[:, chosen], chosen, time), *filter(None, (across, doubt))]
-    remarks += _agreement(moved, time, read_course(recorded, table, time, log), noise, table)
+    remarks += [*told_of_base, *_agreement(moved, time, course, noise, table)]
     sentences = [*_said(recorded, keep, len(position)), *remarks, *told]
-    return targets, [*sentences, *([] if targets.has_log else [NO_COURSE])]
+    return targets, [*sentences, *([] if targets.has_log or table.top_kPa is not None else [NO_COURSE])]
+
+
+def _after(first: int, rows: Array) -> Array:
+    """The rows (s, ...) without the first ones; ValueError where fewer than two are left."""
+    if first > len(rows) - 2:
+        raise ValueError(f"import.first_step = {first}: of {len(rows)} rows two or more must be left")
+    return rows[first:]
+
+
+def _of_base(
+    recorded: Recorded, table: ImportTable, position: Array, mean: Array, chosen: Sequence[int]
+) -> tuple[Array, Array, list[str]]:
+    """Places (s,p,3) mm without the motion of the base, the sd (p,3) mm that this adds, and sentences on
+    markers that stay."""
+    names, none = recorded.names, np.zeros_like(mean)
+    base, fixed = ([names.index(plain(name)) for name in some] for some in (table.base, table.fixed))
+    still = base or fixed
+    size = np.nan_to_num(np.linalg.norm(position - mean, axis=2)).max(axis=0)
+    stays = still or [p for p in range(len(names)) if p not in chosen and size[p] < STILL * size.max()]
+    told = []
+    if rows := settling_rows(position, stays):
+        told.append(
+            f"In the first {rows} rows {', '.join(names[p] for p in stays)}, which stay, jump by up to "
+            f"{size[stays].max():.2g} mm: the capture's filter settles. Write first_step = "
+            f"{rows + table.first_step} under [import]"
+        )
+    if base:
+        freed = without_base(position, mean, base, table.sd_mm or 0.0)
+        at = float(freed.sd[list(chosen)].max())
+        told.append(
+            f"The base ({', '.join(names[p] for p in base)}) moves by up to {freed.moved:.2g} mm. Its rigid "
+            f"motion is taken off: up to {freed.taken:.2g} mm at the points, known to {at:.2g} mm (1 sd)."
+        )
+        return freed.position, freed.sd, told
+    if not still and len(stays) >= BASE and size[stays].max() > BASE_TOLD * (table.sd_mm or np.inf):
+        listed = ", ".join(f'"{names[p]}"' for p in stays)
+        told.append(
+            f"Markers that are no points stay within {size[stays].max():.2g} mm. Where they are on the base, "
+            f"base = [{listed}] under [import] takes its motion off."
+        )
+    return position, none, told
+
+
+def _step(
+    table: ImportTable, every: Array, time: Array, points: tuple[TargetPoint, ...], noise: Noise,
+    scale_sd: float | None,
+) -> tuple[Targets, str]:  # fmt: skip
+    """The targets of a step whose top pressure alone is known: rest and hold, and a sentence on them."""
+    assert table.top_kPa is not None
+    top, sd = table.top_kPa, TOP_SD * table.top_kPa if table.top_sd_kPa is None else table.top_sd_kPa
+    found = settled_step(every, table.rest_steps)
+    value = np.round(np.array([found.rest - found.rest, found.hold - found.rest]), DIGITS)
+    targets = _assembled(
+        value, points, noise, time=np.array([time[0], time[found.begins :].mean()]), log=None,
+        pressure=1e-3 * np.array([0.0, top]), rest=np.array([0]), scale_sd=scale_sd,
+    )  # fmt: skip
+    mode = np.nan_to_num(np.array([0.0 * found.drift, found.drift / 2]))
+    targets = replace(
+        targets, pressure_sd=1e-3 * np.array([0.0, sd]), modes=np.concatenate([targets.modes, mode[None]]),
+        mode_names=(*targets.mode_names, "settling"),
+    )  # fmt: skip
+    moves = np.nanmax(np.abs(found.drift))
+    told = f"Rest and mean of the last third are taken. What still moves there is an error, {moves:.2g} mm."
+    known = f"Of the step the top pressure alone is known, {top:g} kPa with an sd of {sd:.2g} kPa."
+    return targets, f"{known} {told}" if top else told
 
 
 def _identities(recorded: Recorded, position: Array, chosen: Sequence[int], time: Array) -> list[str]:
@@ -106,7 +184,10 @@ def _noise(value: Array, pressure: Array, table: ImportTable, *, thinned: float)
     if table.sd_mm is not None:
         return stated_noise(value, table.sd_mm, table.rho**thinned)
     assert table.still_steps is not None  # checked
-    noise = still_noise(value, pressure, table.still_steps)
+    still = table.still_steps
+    if still != "holds":  # rows of the file
+        still = tuple((max(a - table.first_step, 0), b - table.first_step) for a, b in still)
+    noise = still_noise(value, pressure, still)
     return replace(noise, rho=noise.rho**thinned)
 
 
@@ -150,8 +231,13 @@ def _points(
     recorded: Recorded, table: ImportTable, mean: Array, points: Mapping[str, PointTable]
 ) -> tuple[tuple[TargetPoint, ...], list[int], list[str]]:
     """The target points, where each stands in the file, and what is to be said of the others."""
-    fixed, names = [plain(name) for name in table.fixed], recorded.names
-    for name in (*points, *fixed):
+    fixed, base, names = [[plain(n) for n in found] for found in (table.fixed, table.base, recorded.names)]
+    if base and (len(base) < BASE or set(base) & {*points, *fixed}):
+        raise ValueError(
+            f"import.base = {list(table.base)}: wanted {BASE} markers or more, none of which is in "
+            "[[points]] or fixed"
+        )
+    for name in (*points, *fixed, *base):
         if name not in names:
             listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
             raise ValueError(
@@ -168,7 +254,7 @@ def _points(
                 "displacements are relative to; raise rest_steps under [import], or leave it out"
             )
     chosen = [p for p, point in enumerate(kinds) if point is not None and not unseen[p]]
-    out = [names[p] for p in range(len(names)) if p not in chosen]
+    out = [names[p] for p in range(len(names)) if p not in chosen and names[p] not in base]
     more = ", ..." if len(out) > 12 else ""
     omitted = [f"Left out, as [[points]] does not name them: {', '.join(out[:12])}{more}."] if out else []
     return tuple(point for p in chosen if (point := kinds[p]) is not None), chosen, omitted

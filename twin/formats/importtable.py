@@ -4,7 +4,17 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from twin.tablemodel import Finite, Position, Positive, RelativePath, SdMm, Share, StillSteps, TableModel
+from twin.tablemodel import (
+    Finite,
+    NotNegative,
+    Position,
+    Positive,
+    RelativePath,
+    SdMm,
+    Share,
+    StillSteps,
+    TableModel,
+)
 
 LIKELY = 0.6  # the value below which DeepLabCut itself draws no point (pcutoff in its config.yaml)
 
@@ -44,10 +54,13 @@ class ImportTable(TableModel):
         default=None,
         description="frames in a second, where the file counts frames; not for single load steps",
     )
+    unit: str | None = Field(
+        default=None, description="unit of its lengths, such as m, where the file states none"
+    )
     log: RelativePath | None = Field(
         default=None,
         description="pressure log, with times or one row a step; wanted where the file has no pressure, such "
-        "as a column pressure_kPa",
+        "as a column pressure_kPa, and none is stated as top_kPa",
     )
     log_column: str | None = Field(
         default=None, description="heading of the pressure in that log, where it cannot be told"
@@ -58,10 +71,25 @@ class ImportTable(TableModel):
     start_s: Finite = Field(
         default=0.0, description="time of the first frame on the clock of the log, s"
     )
+    top_kPa: NotNegative | None = Field(
+        default=None,
+        description="of a step whose top pressure alone is known: that pressure, kPa, in place of a log; 0 "
+        "of a body that moves by a weight",
+    )
+    top_sd_kPa: NotNegative | None = Field(
+        default=None, description="sd of that pressure in the hold, kPa; left out: 2 % of it"
+    )
+    first_step: int = Field(
+        default=0, ge=0, description="number of first rows that are left out, as the capture's filter settles"
+    )
     rest_steps: int = Field(
         default=1,
         ge=1,
         description="number of first steps, at rest, that displacements are relative to",
+    )
+    base: tuple[str, ...] = Field(
+        default=(),
+        description="names of three or more markers on the base, whose rigid motion is taken off",
     )
     fixed: tuple[str, ...] = Field(
         default=(), description="names of markers on the rig"

@@ -15,6 +15,7 @@ from twin.gauge.logcolumns import LogFormat, pressures, time_column
 from twin.gauge.pressureunits import PRESSURE, heading, in_seconds
 
 HEADING = re.compile(r"(?P<point>.+)_(?P<axis>[xyz])[ _]?[\[(]?(?P<unit>mm|cm|m|px|in)[\])]?")
+WITHOUT = re.compile(r"(?P<point>.+)_(?P<axis>[xyz])(?P<unit>)")
 BARE = re.compile(r"(.+)_[xyz](?:[ _]?[\[(]\w*[\])])?")  # a place without its unit, or in an unknown one
 
 
@@ -22,6 +23,8 @@ def read_plain(path: Path, min_likelihood: float) -> Recorded:
     """The points of a plain CSV in its unit, with its times and, where it has one, its pressure."""
     sheet = read_sheet(path, wanted="time_s,tip_x_mm,tip_z_mm,pressure_kPa")
     matches = {name: match for name in sheet.header if (match := HEADING.fullmatch(name))}
+    if not matches:  # without units: [import] states it
+        matches = {name: match for name in sheet.header if (match := WITHOUT.fullmatch(name))}
     units = {match["unit"] for match in matches.values()}
     if len(units) != 1:
         raise ValueError(

@@ -20,7 +20,7 @@ class Recorded:
 
     names: tuple[str, ...]  # (p,) fit for twin.toml
     position: Array  # (s,p,3) along the file's x, y, z, in `unit`
-    unit: str  # px, or a unit of length
+    unit: str  # px, or a unit of length; "" where the file states none
     frame: Array  # (s,) numbers of the pictures, from the file or its files' names, counted from any
     time: Array | None = None  # (s,) s where the file says it
     pressure: Array | None = None  # (s,) MPa where the file has it

@@ -10,17 +10,20 @@ from twin.formats.importtable import ImportTable
 from twin.formats.recorded import PIXEL, Recorded
 from twin.gauge.logcolumns import LogFormat, asked_doubt, log_sheet, pressure_column, pressures, time_column
 from twin.gauge.pressurelog import Log, read_log
+from twin.sanity import MOST_MPA
 from twin.targets import Array
 
 
 def still_wanted(recorded: Recorded, table: ImportTable) -> dict[str, str]:
     """The keys of [import] that have to be stated and are not yet, each with what it has to say."""
+    known = table.top_kPa is not None or recorded.pressure is not None
     lacks = {
         "sd_mm": table.sd_mm is None and table.still_steps is None,
         "mm_per_px": recorded.unit == PIXEL and table.mm_per_px is None,
+        "unit": not (recorded.unit or table.unit),
         "axes": not (table.axes or recorded.axes),
-        "fps": recorded.time is None and recorded.pressure is None and table.fps is None,
-        "log": recorded.pressure is None and table.log is None,
+        "fps": recorded.time is None and not known and table.fps is None,
+        "log": not known and table.log is None,
     }  # fmt: skip
     return {key: _about(key) for key, lacking in lacks.items() if lacking}
 
@@ -47,6 +50,34 @@ def check_stated(recorded: Recorded, table: ImportTable, log: Path | None) -> No
         raise ValueError(
             f"import.mm_per_px = {table.mm_per_px:g}: the file is in {recorded.unit}; leave it out"
         )
+    check_unit(recorded, table)
+    _check_step(recorded, table)
+
+
+def check_unit(recorded: Recorded, table: ImportTable) -> None:
+    """Raise ValueError where the unit of the lengths is not stated, or is stated as another one."""
+    if not (recorded.unit or table.unit):
+        raise ValueError(f"{table.file}: states no unit of length; wanted unit ({_about('unit')}), or --unit")
+    if table.unit and recorded.unit and table.unit != recorded.unit:
+        raise ValueError(
+            f"unit = {table.unit!r}: {table.file} says {recorded.unit}; leave it out, or correct the file"
+        )
+
+
+def _check_step(recorded: Recorded, table: ImportTable) -> None:
+    """Raise ValueError where a step's top pressure stands beside another pressure, or is none of silicone."""
+    if table.top_kPa is None:
+        if table.top_sd_kPa is not None:
+            raise ValueError(f"import.top_sd_kPa = {table.top_sd_kPa:g} without top_kPa: state both, or none")
+        return
+    text = f"import.top_kPa = {table.top_kPa:g}"
+    if table.log is not None or recorded.pressure is not None:
+        other = "log" if table.log is not None else "the file's own pressure"
+        raise ValueError(f"{text} beside {other}: both say what the pressure is; leave top_kPa out")
+    if table.still_steps == "holds":
+        raise ValueError(f'{text} with still_steps = "holds": no pressure tells holds; state rows, or sd_mm')
+    if table.top_kPa > 1e3 * MOST_MPA:
+        raise ValueError(f"{text}: wanted kPa, at most {1e3 * MOST_MPA:g}; is it in Pa or mbar?")
 
 
 def _form(table: ImportTable) -> LogFormat:
@@ -60,18 +91,19 @@ def _has_times(log: Path, table: ImportTable) -> bool:
 
 def mm_per_unit(recorded: Recorded, table: ImportTable) -> float:
     """Length in mm of the file's unit; ValueError where it is none of length."""
-    if recorded.unit == PIXEL:
+    unit = recorded.unit or table.unit or ""
+    if unit == PIXEL:
         assert table.mm_per_px is not None  # checked
         return table.mm_per_px
     import pint
 
     try:
-        if not recorded.unit.isalpha():  # pint would calculate, or fail
-            raise ValueError(recorded.unit)
-        return float(pint.get_application_registry().Quantity(1.0, recorded.unit).to("mm").magnitude)
+        if not unit.isalpha():  # pint would calculate, or fail
+            raise ValueError(unit)
+        return float(pint.get_application_registry().Quantity(1.0, unit).to("mm").magnitude)
     except (pint.PintError, AttributeError, ValueError):
         advice = "wanted px or a unit of length, such as mm"
-        raise ValueError(f"the file is in {recorded.unit!r}: {advice}") from None
+        raise ValueError(f"the file is in {unit!r}: {advice}") from None
 
 
 def times_of(recorded: Recorded, table: ImportTable) -> Array:
@@ -102,6 +134,8 @@ def pressure_of(
 ) -> tuple[Array, tuple[Array, Array] | None, str]:
     """The pressure (s,) MPa of each step, the log (t,) s, (t,) MPa between them where there is one, and a
     sentence on it."""
+    if table.top_kPa is not None:
+        return np.zeros(len(time)), None, ""  # that of the hold is stated
     if log is None:
         assert recorded.pressure is not None  # checked
         return recorded.pressure, None if recorded.time is None else _along(time, recorded.pressure), ""

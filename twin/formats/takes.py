@@ -8,32 +8,30 @@ surface turn with it.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from fe import Case
 from fe.element import Integers
 from fe.mesh.mirror import symmetry_support
 from fe.mesh.points import nearest_on_faces
+from twin.formats.basemotion import BASE, exchanged, settling_rows, without_base
 from twin.formats.catalogue import format_of, read_recorded
 from twin.formats.importtable import ImportTable
 from twin.formats.recorded import PIXEL, Recorded
-from twin.formats.supplied import mm_per_unit, turned
+from twin.formats.settledsteps import TOP_SD, settled_step
+from twin.formats.supplied import check_unit, mm_per_unit, turned
 from twin.gauge.pressureunits import in_MPa
 from twin.judging.stillnoise import stated_noise
 from twin.marktables import PointTable
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
 
 PRESSURE = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)[ _-]?(mbar|hPa|kPa|MPa|bar|psi|Pa)(?![A-Za-z])")
-HOLD = 1 / 3  # of a recording, at its end, is taken for the hold
 STILL = 0.05  # of the largest motion: a marker that moves less is on the base
-BASE = 3  # markers, at least, whose rigid motion is taken off
 OFF_MM = 3.0  # from the surface, beyond which a marker is a ball or on a stalk
 SAME_MM = 1.0  # two feet nearer to each other are one
-EXCHANGED_MM = 5.0  # by how much places at rest must agree better with names exchanged
 STATED_MM = 5.0  # by which stated places may lie elsewhere to each other than the recordings have them
 TOLD_MM = 1.0  # beyond which that is told
 
@@ -41,13 +39,14 @@ TOLD_MM = 1.0  # beyond which that is told
 @dataclass(frozen=True)
 class Take:
     """A recording: its file, the pressure in MPa, and the places (p, 3) mm in axes of the model at rest, in
-    the hold, and by how much they still move in it."""
+    the hold, and by how much they still move in it; how many first rows were left out."""
 
     file: str
     pressure: float
     rest: Array
     hold: Array
     drift: Array
+    first: int = 0
 
 
 def pressure_in(name: str) -> float:
@@ -66,11 +65,14 @@ def pressure_in(name: str) -> float:
     return float(in_MPa(np.array([float(value)]), unit, line=None)[0])
 
 
-def takes_of(folder: Path, axes: str) -> tuple[tuple[str, ...], list[Take]]:
+def takes_of(
+    folder: Path, axes: str, unit: str = "", on_body: Sequence[str] = ()
+) -> tuple[tuple[str, ...], list[Take]]:
     """The names (p,) of the markers of a folder's recordings, and the recordings by their pressures.
 
-    axes: the file's axes that are the model's x, y, z, as in [import]. ValueError where they have other
-    markers, or two of them have exchanged their names.
+    axes, unit: the file's axes that are the model's x, y, z, and its unit of length, as in [import]. on_body:
+    names of markers that are not on the base. ValueError where recordings have other markers, or two of them
+    have exchanged their names.
     """
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".csv", ".c3d"))
     if not files:
@@ -83,63 +85,63 @@ def takes_of(folder: Path, axes: str) -> tuple[tuple[str, ...], list[Take]]:
             raise ValueError(
                 f"{file}: other markers than {every[0][0]}: {', '.join(odd)}; wanted the same in all"
             )
-    takes = sorted((_take(f, r, names, axes) for f, r in every), key=lambda take: take.pressure)
+    found = (_take(f, r, names, axes, unit, on_body) for f, r in every)
+    takes = sorted(found, key=lambda take: take.pressure)
     for take in takes[1:]:
-        _check_names(take, takes[0], names)
+        if swapped := exchanged(take.rest, takes[0].rest):
+            a, b = (names[k] for k in swapped)
+            raise ValueError(
+                f"{take.file}: marker {a} lies at rest where {b} lies in {takes[0].file}: their names are "
+                "exchanged; correct the file"
+            )
     return names, takes
 
 
-def _take(file: str, recorded: Recorded, names: tuple[str, ...], axes: str) -> Take:
+def _take(
+    file: str, recorded: Recorded, names: tuple[str, ...], axes: str, unit: str, on_body: Sequence[str]
+) -> Take:
     if recorded.unit == PIXEL:
         raise ValueError(f"{file}: in pixels; wanted positions in a unit of length")
-    table = ImportTable(file=file, format="csv", sd_mm=1.0)
+    if recorded.pressure is not None:
+        raise ValueError(f"{file}: has a pressure of its own; wanted no --pressure-from, leave it out")
+    table = ImportTable(file=file, format="csv", sd_mm=1.0, unit=unit or None)
+    check_unit(recorded, table)
     order = [recorded.names.index(name) for name in names]
     place = turned(recorded.position * mm_per_unit(recorded, table), axes or recorded.axes or "x,y,z")
     place = place[:, order]
-    held = place[-max(1, round(HOLD * len(place))) :]
-    half = len(held) // 2
-    drift = np.nanmean(held[half:], axis=0) - np.nanmean(held[: half or 1], axis=0)
-    return Take(file, pressure_in(file), place[0], np.nanmean(held, axis=0), drift)
+    first = settling_rows(place, _stay(place, names, on_body))
+    step = settled_step(place[first:])
+    return Take(file, pressure_in(file), step.rest, step.hold, step.drift, first)
 
 
-def _check_names(take: Take, first: Take, names: tuple[str, ...]) -> None:
-    """Raise ValueError where markers at rest lie where others lay in the first recording."""
-    away = np.linalg.norm(take.rest[:, None] - first.rest[None], axis=2)
-    rows, columns = linear_sum_assignment(away)
-    if away[rows, rows].sum() - away[rows, columns].sum() < EXCHANGED_MM:
-        return
-    a = int(np.flatnonzero(rows != columns)[0])
-    raise ValueError(
-        f"{take.file}: marker {names[a]} lies at rest where {names[columns[a]]} lies in {first.file}: their "
-        "names are exchanged; correct the file"
-    )
-
-
-def rigid(a: Array, b: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and shift (3,) that bring points a (k, 3) nearest to b (Kabsch 1976, doi
-    10.1107/S0567739476001873)."""
-    U, _, Vt = np.linalg.svd((a - a.mean(axis=0)).T @ (b - b.mean(axis=0)))
-    turn = Vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))]) @ U.T
-    return np.asarray(turn, float), b.mean(axis=0) - turn @ a.mean(axis=0)
+def _stay(place: Array, names: Sequence[str], on_body: Sequence[str]) -> list[int]:
+    """Rows of the markers off the body that move by less than STILL of the largest motion."""
+    far = np.linalg.norm(settled_step(place).hold - place[0], axis=1)
+    return [k for k, name in enumerate(names) if name not in on_body and far[k] < STILL * np.nanmax(far)]
 
 
 def takes_targets(
     folder: Path, places: Mapping[str, Array], *, case: Case, outside: Integers, sd_mm: float,
-    axes: str = "", held_out: Sequence[str] = (),
+    axes: str = "", unit: str = "", held_out: Sequence[str] = (),
 ) -> tuple[Targets, dict[str, PointTable], list[str]]:  # fmt: skip
     """Targets of a folder of recordings, the points that the markers on the body are, and remarks.
 
     places: of the markers on the body (3,) mm, by name. case, outside (f, m): the body and its outer faces.
     held_out: parts of the names of recordings that no fit may see.
     """
-    names, takes = takes_of(folder, axes)
+    names, takes = takes_of(folder, axes, unit, tuple(places))
     if unknown := sorted(set(places) - set(names)):
         raise ValueError(f"--node {unknown[0]}: not in the files, which have {', '.join(names)}; correct it")
     if lost := [part for part in held_out if not any(part in take.file for take in takes)]:
         files = ", ".join(take.file for take in takes)
         raise ValueError(f"--hold-out {lost[0]}: in no file's name; wanted a part of one of {files}")
     base, remarks = _base(names, takes, places)
-    moved, sd = _without_base(takes, base)
+    moved, sd = _without_base(takes, base, sd_mm)
+    if first := max(take.first for take in takes):
+        remarks.append(
+            f"Markers that stay jump in the first rows, {first} at most: the capture's filter settles. These "
+            "rows are left out."
+        )
     rows = [names.index(name) for name in places]
     stated, more = _as_recorded(takes, rows, places)
     remarks += more
@@ -160,13 +162,14 @@ def takes_targets(
         left = ", ".join(np.array(list(places))[~once])
         remarks.append(f"{left}: left out, as the mirror image of another marker stands for it.")
     remarks.append(
-        "Of each step the top pressure alone is known. Its rest and the mean of its last third are taken; "
-        "what still moves there is an error that a recording shares."
+        f"Of each step the top pressure alone is known, with an sd of {100 * TOP_SD:g} %, as regulators have "
+        "it. Its rest and the mean of its last third are taken; what still moves there is an error that a "
+        "recording shares."
     )
     drift = np.array([take.drift for take in takes])[:, rows][:, once] / 2
     held = [any(part in take.file for part in held_out) for take in takes]
     on = {name: foot for name, foot, kept in zip(places, feet, once, strict=True) if kept}
-    found = _assembled(on, takes, value[:, once], drift, held, float(np.hypot(sd_mm, sd)))
+    found = _assembled(on, takes, value[:, once], drift, held, np.hypot(sd_mm, sd[rows][once]))
     table = {
         name: PointTable(name=name, position_mm=as_position(x), standoff_mm=mm if mm > OFF_MM else None)
         for name, x, mm, kept in zip(places, half, off.tolist(), once, strict=True)
@@ -189,18 +192,16 @@ def _base(
     ]
 
 
-def _without_base(takes: Sequence[Take], base: Sequence[int]) -> tuple[Array, float]:
-    """Displacements (t, p, 3) mm from rest to hold without the rigid motion of the base, and the sd in mm
-    that its own error adds."""
-    out, left = [], [0.0]
-    for take in takes:
-        hold = take.hold
-        if base:
-            turn, shift = rigid(hold[base], take.rest[base])
-            hold = hold @ turn.T + shift
-            left.append(float(np.sqrt(((hold[base] - take.rest[base]) ** 2).mean())))
-        out.append(hold - take.rest)
-    return np.array(out), max(left)
+def _without_base(
+    takes: Sequence[Take], base: Sequence[int], sd_mm: float
+) -> tuple[Array, Array]:
+    """Displacements (t, p, 3) mm from rest to hold without the rigid motion of the base, and the sd (p, 3) in
+    mm that its own error adds at most."""
+    if not base:
+        return np.array([take.hold - take.rest for take in takes]), np.zeros_like(takes[0].rest)
+    freed = [without_base(take.hold[None], take.rest, base, sd_mm) for take in takes]
+    moved = np.array([f.position[0] - take.rest for f, take in zip(freed, takes, strict=True)])
+    return moved, np.max([f.sd for f in freed], axis=0)
 
 
 def _as_recorded(
@@ -233,21 +234,23 @@ def _half(x: Array, case: Case) -> Array:
 
 def _assembled(
     feet: Mapping[str, Array], takes: Sequence[Take], value: Array, drift: Array, held: Sequence[bool],
-    sd: float,
+    sd: Array,
 ) -> Targets:  # fmt: skip
     n, p = 2 * len(takes), len(feet)
     u, valid, modes = np.zeros((n, p, 3)), np.zeros((n, p, 3), bool), np.zeros((len(takes), n, p, 3))
+    variance = np.tile(sd[:, :, None] ** 2 * np.eye(3), (n, 1, 1, 1))
     u[1::2], valid[1::2] = np.round(value, 6), True
     for k in range(len(takes)):
         modes[k, 2 * k + 1] = np.nan_to_num(drift[k])
     pressure = np.zeros(n)
     pressure[1::2] = [take.pressure for take in takes]
+    noise = stated_noise(u, float(np.sqrt((sd**2).mean())))
     time = np.arange(float(n))
     points = tuple(TargetPoint(name, PointKind.PLACE, None, as_position(x)) for name, x in feet.items())
     return Targets(
         time=time, pressure=pressure, block=np.arange(n) // 2, points=points, value=u,
-        covariance=np.tile(sd**2 * np.eye(3), (n, p, 1, 1)), valid=valid, held_out=np.repeat(held, 2),
+        covariance=variance, valid=valid, held_out=np.repeat(held, 2),
         modes=modes, mode_names=tuple(f"settling:{take.file}" for take in takes),
-        noise=stated_noise(u, sd), log_time=time, log_pressure=pressure, reference=np.arange(0, n, 2),
-        gravity=None, pressure_sd=np.zeros(n),
+        noise=replace(noise, sd=sd), log_time=time, log_pressure=pressure, reference=np.arange(0, n, 2),
+        gravity=None, pressure_sd=TOP_SD * pressure,
     )  # fmt: skip

@@ -5,6 +5,7 @@ The only place that knows other units than MPa and s: behind it there are no oth
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NoReturn
 
 import numpy as np
@@ -47,6 +48,7 @@ class Heading:
     unit: str  # "" where it says none
 
 
+@lru_cache  # the cells of a log are asked one by one for a header
 def heading(text: str) -> Heading:
     """The word and the unit of a heading: pressure_kPa, p [bar], Pressure (psi), Druck/bar, time_s, t.
 

@@ -137,8 +137,8 @@ def _check_apart(films: Sequence[FilmTargets], moved: Sequence[Targets]) -> None
         if after.time[0] <= before.time[-1]:
             raise ValueError(
                 f"films {a.name!r} and {b.name!r} overlap on the clock of {a.log}: the first ends at "
-                f"{before.time[-1]:.3f} s, the second begins at {after.time[0]:.3f} s; correct film_start_s, "
-                "or name the log of each film as pressure in [[films]]"
+                f"{before.time[-1]:.3f} s, the second begins at {after.time[0]:.3f} s; correct film_start_s "
+                "(start_s of [[import]]), or name a log for each"
             )
         if before.points != after.points:
             raise ValueError(
@@ -171,7 +171,10 @@ def _together(films: Sequence[FilmTargets], moved: Sequence[Targets]) -> Targets
 
 
 def _log(moved: Sequence[Targets]) -> tuple[Array, Array]:
-    """The log's times (t,) s and pressures (t,) MPa over all films: those of one log hold the same."""
+    """The log's times (t,) s and pressures (t,) MPa over all films: those of one log hold the same. Where the
+    course of one is not known, none counts."""
+    if not all(t.has_log for t in moved):
+        return np.concatenate([t.time for t in moved]), np.concatenate([t.pressure for t in moved])
     time, pressure = moved[0].log_time, moved[0].log_pressure
     for t in moved[1:]:
         new = t.log_time > time[-1]
@@ -191,7 +194,8 @@ def _modes(films: Sequence[FilmTargets], moved: Sequence[Targets]) -> tuple[Arra
     for film, t in zip(films, moved, strict=True):
         end = begin + len(t.time)
         for name, mode in zip(t.mode_names, t.modes, strict=True):
-            mode_name = name if name.partition(":")[0] in RIG else f"{name}@{film.name}"
+            shared = name.partition(":")[0] in RIG or len(films) == 1
+            mode_name = name if shared else f"{name}@{film.name}"
             modes.setdefault(mode_name, np.zeros(size))[begin:end] = mode
         begin = end
     return np.array(list(modes.values())).reshape(-1, *size), tuple(modes)

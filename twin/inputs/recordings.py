@@ -1,5 +1,4 @@
-"""The recordings of a project: films with their cameras, markers, the speckled face, the pressure log, and
-displacements that another program measured."""
+"""The recordings of a project: films with their cameras, markers, the speckled face, the pressure log."""
 
 import math
 from pathlib import Path
@@ -8,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twin.csvtable import Table, read_sheet
-from twin.formats.importtable import ImportTable
 from twin.gauge.pressurelog import (
     GaugeNoise,
     Log,
@@ -22,10 +20,9 @@ from twin.gauge.pressurelog import (
 from twin.gauge.pressuretable import PressureTable
 from twin.inputs.cameras import camera_table, dictionary_files, stored_cameras, stored_rig
 from twin.marktables import MarkTable, PointTable, PoseTable
-from twin.messages import Say
 from twin.project.cameratables import CameraTable
 from twin.project.folder import Project
-from twin.targets import Array, Targets
+from twin.targets import Array
 
 Rows = tuple[tuple[float, float, float], ...]
 
@@ -249,44 +246,3 @@ def gauge_of(project: Project, film: Array, static: Array, log: Log, start_s: fl
     time = static - static[0] + table.static_start_s
     check_covers(log, time, what="static film", key="static_start_s")
     return gauge_noise(log, start=float(time[0]), end=float(time[-1]))
-
-
-# -- displacements of another program ------------------------------------------------------------------------
-
-
-def import_table(project: Project) -> ImportTable:
-    """[import] of twin.toml."""
-    assert project.config.imported is not None  # asked for where it is there
-    return project.config.imported
-
-
-def import_inputs(project: Project) -> dict[str, Any]:
-    """Tables and files that a run of `measure` depends on, as `Project.new_run` takes them."""
-    table = import_table(project)
-    named = {"import.file": table.file, "import.log": table.log}
-    inputs = [path for key, pattern in named.items() if pattern for path in recorded(project, key, pattern)]
-    return {"tables": ("import", "points"), "inputs": inputs}
-
-
-def import_targets(project: Project, say: Say) -> Targets:
-    """The targets of another program's file. ValueError where it is not right, something is not stated, or
-    the targets cannot be of the project's finger."""
-    from twin.bench.workbench import check_plausible, structure_of
-    from twin.formats.catalogue import read_recorded
-    from twin.formats.conversion import targets_of
-
-    table = import_table(project)
-    points = read_recorded(project.path(table.file), table.format, table.min_likelihood)
-    log = None if table.log is None else project.path(table.log)
-    targets, remarks = targets_of(points, table, project.config.points, log=log)
-    check_plausible(project, targets, structure_of(project).case)
-    for sentence in remarks:
-        say(sentence)
-    return targets
-
-
-def said_of_targets(targets: Targets) -> str:
-    """One sentence on size and pressure of targets: a wrong unit or scale shows in it."""
-    peak, top = np.nanmax(np.abs(targets.value)), targets.pressure.max()
-    return (f"{len(targets.names)} points in {len(targets.time)} steps: displacements up to {peak:.1f} mm, "
-            f"pressure up to {top:.3g} MPa.")  # fmt: skip

@@ -19,6 +19,7 @@ ADEQUATE = 1e-3  # a model is adequate while its lack of fit has at least this p
 OVERSTATED = 0.7  # of its degrees of freedom is the chi2 of the picture below which its noise is told
 EVEN = 1.3  # times as large as the smallest is the largest misfit over its noise, where it is even
 LEAST, ENOUGH = 50, 100  # values of a marker, direction, pressure or branch that count; degrees of freedom
+MEANS = 10.0  # times the noise is what may be expected beside it of data that hardly move
 MISSTATED = "The misfit is even"
 BRANCHES = ("rest", "up", "hold", "down")
 WHILE = {
@@ -156,12 +157,19 @@ def compare(
         where="",
         maps=residual_maps(targets, whitener, cleaned_values),
         raw_rms_mm=whitener.error_beside_walls(residual),
-        expected=whitener.expected_after(jacobian),
+        expected=credible(whitener.expected_after(jacobian), targets, whitener),
         tests=tests,
         beyond=beyond(whitener, residual),
         leans=leaning_in_words(leaning(whitener, jacobian, names)) if names else "",
     )
     return replace(comparison, where=_where(comparison))
+
+
+def credible(expected: Expected, targets: Targets, w: Whitener) -> Expected:
+    """The error that is expected of a right model; UNKNOWN where errors other than noise are larger than all
+    that moves: it would say nothing."""
+    most = float(np.abs(np.where(targets.valid, targets.value, 0.0)).max(initial=0.0))
+    return UNKNOWN if expected.rms_mm > max(most, MEANS * w.noise_sd) else expected
 
 
 def lack_of_fit(targets: Targets, w: Whitener, z: Array, fitted: Array, smooth: Array | None) -> float:

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from calibrate import chi2_test
 from calibrate.statistics import omnibus
-from twin.judging.comparison import freedom, slow_shapes, smooth_functions
+from twin.judging.comparison import credible, freedom, slow_shapes, smooth_functions
 from twin.judging.fitrecord import UnseenFilm
 from twin.judging.fitting import ModelErrors
 from twin.judging.judged import Judged
@@ -145,7 +145,7 @@ def _in_block(
 ) -> UnseenFilm:
     w = errors.whitener(replace(targets, held_out=targets.block != block))
     residual = targets.value - predicted
-    expected = w.expected_unseen(errors.whitener(targets), jacobian)
+    expected = credible(w.expected_unseen(errors.whitener(targets), jacobian), targets, w)
     return UnseenFilm(
         film=film,
         block=block,

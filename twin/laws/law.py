@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Values = Mapping[str, float]
 Bounds = Mapping[str, tuple[float, float]]
 MPA = "MPa"
+STRETCH = 1.63  # to which rubber must be stable; the built-in finger reaches 1.47 at 30 kPa
 
 
 @dataclass(frozen=True)

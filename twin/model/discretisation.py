@@ -166,6 +166,13 @@ class Discretisation:
         return 0.0 if self.unknown else self._shown.apart
 
     @property
+    def largest(self) -> float:
+        """The largest change or mode in mm, at pressures that are compared."""
+        inside = self.grid <= self.tested * (1 + 1e-9)
+        fields = [self.changes, self._shown.modes, *([self.walls] if self.wall_names else [])]
+        return max(float(np.abs(x[:, :, inside]).max(initial=0.0)) for x in fields)
+
+    @property
     def remainder_mm(self) -> float:
         """The root mean square in mm of what neither correction nor modes carry, from the finer meshes alone.
 
@@ -234,6 +241,12 @@ def discretisation_error(
         return Discretisation.none(
             f"finer meshes differ in stiffness by {mesh.apart:.0%}, wanted at most {COARSE:.0%}; "
             "refine the mesh"
+        )
+    most, size = mesh.largest, float(np.ptp(test.case.nodes, axis=0).max())
+    if most > size:
+        return Discretisation.none(
+            f"finer meshes would move it by {most:.3g} mm more, and it is {size:.3g} mm long, which is no "
+            "estimate; refine the mesh"
         )
     return mesh
 

@@ -1,8 +1,8 @@
 """A model that keeps its last solves: the same answers as a model without a memory, sooner.
 
-What was solved is served when it is asked for again, bit for bit. Any other question is solved to the
-tolerance of Newton's method; a solve nearby serves as a start only. So what was asked before changes a
-prediction by less than `SAME`.
+What was solved is served when it is asked for again, bit for bit, and so is that there is no equilibrium.
+Any other question is solved to the tolerance of Newton's method; a solve nearby serves as a start only. So
+what was asked before changes a prediction by less than `SAME`.
 """
 
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ import numpy as np
 
 from fe import Case, Path, Solution
 from twin.effects.material import Elasticity
-from twin.effects.protocol import Effect, Order, SeenAtRest, Test
+from twin.effects.protocol import Effect, Order, SeenAtRest, Test, Unsolvable
 from twin.gravity import of_targets, pulls_of, shares_of
 from twin.model.discretisation import Discretisation
 from twin.model.firstorder import standoffs
@@ -21,6 +21,9 @@ from twin.targets import Array, Targets
 
 SAME = 1e-6  # mm, between predictions of one model after other questions; the null of an effect keeps it, too
 KEPT = 6  # solves of a model
+FAILED = 60  # thetas without an equilibrium: a fit asks for them over and over, and each costs as a solve
+
+Failure = tuple[str, float]  # why, and the pressure in MPa that was reached
 
 
 @dataclass(frozen=True)
@@ -29,11 +32,17 @@ class KeptModel(Model):
 
     _solves: list[Solved] = field(default_factory=list, init=False, compare=False, repr=False)
     _kin: dict[str, "KeptModel"] = field(default_factory=dict, init=False, compare=False, repr=False)
+    _failed: dict[bytes, "Failure"] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @property
     def kept(self) -> tuple[Solved, ...]:
         """The solves that it has."""
         return tuple(self._solves)
+
+    @property
+    def failures(self) -> int:
+        """How many parameters it knows to have no equilibrium."""
+        return len(self._failed)
 
     def on_mesh(self, mesh: Discretisation | None) -> Self:
         """The model whose predictions carry the error of its mesh, with the solves that were kept."""
@@ -55,11 +64,25 @@ class KeptModel(Model):
         earlier = self._earlier(theta)
         if earlier is not None and not (derivatives and earlier.jacobian is None):
             return earlier
-        return self._keep(super().solved(theta, derivatives=True))
+        return self._made(theta, derivatives=True)
 
     def values(self, theta: Array) -> Solved:
         """The solve at theta (d,), kept or made now without derivatives."""
-        return self._earlier(theta) or self._keep(super().solved(theta))
+        return self._earlier(theta) or self._made(theta, derivatives=False)
+
+    def _made(self, theta: Array, *, derivatives: bool) -> Solved:
+        """A solve made now, unless it is known that there is none."""
+        key = np.asarray(theta, float).tobytes()
+        if key in self._failed:
+            said, reached = self._failed[key]
+            raise Unsolvable(said, reached=reached)
+        try:
+            return self._keep(super().solved(theta, derivatives=derivatives))
+        except Unsolvable as why:
+            while len(self._failed) >= FAILED:
+                del self._failed[next(iter(self._failed))]
+            self._failed[key] = str(why), why.reached
+            raise
 
     def _earlier(self, theta: Array) -> Solved | None:
         return next((s for s in self._solves if np.array_equal(s.theta, theta)), None)

@@ -17,7 +17,9 @@ from twin.model.prediction import Tangents as SolvedTangents
 from twin.model.response import Surrogate, Tangents
 from twin.targets import Array
 
+NEARBY = 0.25  # of the noise: a response that states so small an error serves for a whole solve
 FORESEEN = 0.1  # of a move, by which the response may miss it and its derivatives still serve
+BLIND = 10.0  # moves, by which it states to err where it foresees nothing: of the demo's laws 0.1, 1 and 240
 
 
 @dataclass(frozen=True)
@@ -47,13 +49,16 @@ class NearModel(Model):
 
     def certify(self, theta: Array, *, derivatives: bool = False) -> None:
         """Solve the whole model at theta (d,): with derivatives where they are asked for, the response has
-        none, or what it foresaw is off by more than its limit and FORESEEN of the move there."""
+        none or states an error of BLIND times the move there, or what it foresaw is off by more than its
+        limit and FORESEEN of the move."""
         response, solve = self.response, None
         if response.reaches(theta) and not derivatives:
-            (u, _), solve = response.answer(theta), self.whole.values(theta)
-            missed, moved = self._rms(solve.u - u), self._rms(solve.u - response.nearest(theta).u)
-            if missed > max(self.limit_mm, FORESEEN * moved):
-                solve = None
+            (u, sd), near = response.answer(theta), response.nearest(theta).u
+            if self._rms(sd) <= max(self.limit_mm, BLIND * self._rms(u - near)):
+                solve = self.whole.values(theta)
+                missed, moved = self._rms(solve.u - u), self._rms(solve.u - near)
+                if missed > max(self.limit_mm, FORESEEN * moved):
+                    solve = None
         self._known[:] = [response.joined(solve) if solve else response.certified(theta)]
 
     def _rms(self, field: Array) -> float:

@@ -17,8 +17,8 @@ from twin import effort
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Order, Test, Theta, Unsolvable
 from twin.gravity import hangs_aside, is_heavy, pulls_across
-from twin.laws.law import RubberLaw
-from twin.laws.stability import STRETCH, steadiness
+from twin.laws.law import STRETCH, RubberLaw
+from twin.laws.stability import steadiness
 from twin.model.discretisation import Discretisation
 from twin.model.firstorder import Known, Paced, directions, paced, perturbed, slipped
 from twin.model.sagged import material_points, moved_along
@@ -243,6 +243,10 @@ class Model:
         rows = [self._through(u, d + _slid(test, solution, c), c) for d, c in zip(du, changes, strict=True)]
         jacobian = np.stack(rows) if derivatives else None
         return Solved(theta.copy(), self.seen(u, test, values), jacobian, solution)
+
+    def values(self, theta: Array) -> Solved:
+        """The solve at theta (d,), without derivatives where none is kept."""
+        return self.solved(theta)
 
     def drawn(self, theta: Array) -> Solved:
         """The solve at theta (d,) for whoever draws it: without derivatives, whatever the model keeps."""

@@ -1,10 +1,12 @@
-"""The tables of twin.toml for filming: cameras and board, films, speckled face, errors of measuring."""
+"""The tables of twin.toml for recordings: cameras and board, films, another program's files, speckled face,
+errors of measuring."""
 
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from twin.project.targetschema import Shares
+from twin.formats.importtable import ImportTable
+from twin.project.targetschema import LoadTable, Shares
 from twin.tablemodel import (
     Dictionary,
     Direction,
@@ -155,6 +157,24 @@ class FilmTable(TableModel):
     held_out: bool = Field(
         default=False, description="true: predicted, never fitted"
     )
+
+
+class RecordingTable(ImportTable):
+    """Displacements that another program measured, one of several recordings."""
+
+    name: Name = Field(default="", description="name of the recording; left out: that of its file")
+    gravity: Direction | None = Field(
+        default=None,
+        description="direction of gravity in it, in world axes; in every [[import]], or in none",
+    )
+    loads: tuple[LoadTable, ...] = Field(
+        default=(),
+        description='what hangs on the body in it, such as [{weight_g = 20.0, at = "tip"}]',
+    )
+    pressure_shares: Shares = Field(
+        default_factory=dict, description="as in [[films]]; in every [[import]], or in none"
+    )
+    held_out: bool = Field(default=False, description="true: predicted, never fitted")
 
 
 class MeasureTable(TableModel):

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import PurePosixPath
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -14,13 +15,13 @@ from twin.bodies.pneunet import PneunetTable
 from twin.bodies.tube import TubeTable
 from twin.coupons.testtable import MaterialTestTable
 from twin.effects import labels
-from twin.formats.importtable import ImportTable
+from twin.formats.recorded import plain
 from twin.gauge.pressuretable import PressureTable
 from twin.laws.catalogue import LAWS, named_law
 from twin.laws.law import RubberLaw
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
 from twin.marktables import FrameTable, MarkTable, OutlineTable, PointTable, PoseTable
-from twin.project.cameratables import CameraTable, DicTable, FilmTable, MeasureTable
+from twin.project.cameratables import CameraTable, DicTable, FilmTable, MeasureTable, RecordingTable
 from twin.project.targetschema import shares_by_surface
 from twin.tablemodel import (
     Bounds,
@@ -112,6 +113,11 @@ class ModelTable(TableModel):
         description="tolerance of dimensions that no camera sees, walls and caps of the chamber, mm; or one "
         "for each, such as {bottom_wall_mm = 0.05}; 0: exact; a deck has none",
     )
+    open: dict[str, tuple[Finite, Positive]] = Field(
+        default={},
+        description="dimensions of the chamber that are fitted, and what is known of them: value and sd, mm, "
+        "such as {bottom_wall_mm = [2.0, 0.3]}; in place of wall_sd_mm: see bodies.md",
+    )
     fixed: dict[str, Finite] = Field(
         default={}, description="constants of the law that are not fitted, such as {C10 = 0.214} (MPa)"
     )
@@ -151,7 +157,13 @@ class ModelTable(TableModel):
     @property
     def dimensions(self) -> BodyTable | None:
         """The dimensions of the body, those of a new one where none are stated; None of a deck."""
-        return None if self.kind == "deck" else self._stated.get(self.kind) or BODIES[self.kind]()
+        if self.kind == "deck":
+            return None
+        stated = self._stated.get(self.kind) or BODIES[self.kind]()
+        if not self.open:
+            return stated
+        means = {name: mean for name, (mean, _) in self.open.items()}
+        return type(stated).model_validate({**stated.model_dump(), **means})
 
     @property
     def _stated(self) -> dict[str, BodyTable]:
@@ -160,6 +172,7 @@ class ModelTable(TableModel):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         self._check_engine()
+        self._check_open()
         if self.deck is not None and self._stated:
             raise ValueError(
                 f"model.deck = {self.deck!r} and [model.{next(iter(self._stated))}] are both given: a "
@@ -176,6 +189,36 @@ class ModelTable(TableModel):
                 f'table, or write body = "{others[0]}"'
             )
         return self
+
+    def _check_open(self) -> None:
+        if not self.open:
+            if labels.OPEN in self.effects:
+                raise ValueError(
+                    f"model.effects: {labels.OPEN} without [model.open]; wanted there what dimensions are "
+                    "open, such as bottom_wall_mm = [2.0, 0.3] (mm: value and sd), or no such effect"
+                )
+            return
+        name = next(iter(self.open))
+        if self.kind == "deck":
+            raise ValueError(
+                f"model.open.{name}: a deck's mesh moves with no dimension; wanted a body of this package: "
+                "make decks of two values of the dimension, calibrate both, and compare what they leave, or "
+                "remove [model.open]"
+            )
+        if self.engine != EMBEDDED:
+            raise ValueError(
+                f"model.open.{name} with engine = {self.engine!r}: only the embedded engine moves its mesh "
+                "with a dimension; remove [model.open], or the engine"
+            )
+        inner = (self._stated.get(self.kind) or BODIES[self.kind]()).body.inner
+        if unknown := sorted(set(self.open) - set(inner)):
+            raise ValueError(
+                f"model.open.{unknown[0]} is no dimension of the chamber of a {self.kind}; wanted some of "
+                f"{', '.join(inner) or 'none: it has no chamber'}: markers would move with others"
+            )
+        assert self.dimensions is not None  # which raises where values do not fit together
+        if labels.OPEN not in self.effects:
+            self.__dict__["effects"] = (labels.OPEN, *self.effects)  # frozen, but not yet made
 
     def _check_engine(self) -> None:
         if self.engine != EMBEDDED and self.self_contact:
@@ -225,6 +268,11 @@ class CalibrateTable(TableModel):
         default=LEAST_SQUARES,
         description="student-t: gross errors, such as a marker taken for another, hardly count",
     )
+    ringing_Hz: Positive | None = Field(
+        default=None,
+        description="frequency at which the finger rings, as `twin check` or `twin ringing` tells: steps "
+        "that its inertia moves by more than their sd are left out of all fits",
+    )
 
 
 class DiagnoseTable(TableModel):
@@ -272,7 +320,7 @@ class Config(TableModel):
     films: tuple[FilmTable, ...] = ()
     pressure: PressureTable | None = None
     material_tests: tuple[MaterialTestTable, ...] = ()
-    imported: ImportTable | None = Field(default=None, alias="import")
+    imports: tuple[RecordingTable, ...] = Field(default=(), alias="import")
     measure: MeasureTable = MeasureTable()
     frame: FrameTable = FrameTable()
     pose: PoseTable | None = None
@@ -418,7 +466,7 @@ def _check_film(c: Config) -> None:
         )
     if not c.cameras:
         return
-    if c.imported is not None:
+    if c.imports:
         raise ValueError(
             "[import] and [[cameras]] both say where the displacements come from; keep one of them"
         )
@@ -512,6 +560,19 @@ def with_first_film(data: dict[str, Any]) -> dict[str, Any]:
     return {**data, "cameras": [{**cameras[0], **present}]}
 
 
+def with_recordings(data: dict[str, Any]) -> dict[str, Any]:
+    """The tables of twin.toml with [[import]] as an array, each with a name, where it has a file."""
+    several = data.get("import")
+    if not isinstance(several, dict | list):
+        return data
+    tables = [several] if isinstance(several, dict) else several
+    return {**data, "import": [
+        {"name": plain(PurePosixPath(t["file"]).stem), **t}
+        if isinstance(t, dict) and isinstance(t.get("file"), str)
+        else t for t in tables
+    ]}  # fmt: skip
+
+
 def with_join(data: dict[str, Any]) -> dict[str, Any]:
     """The tables of twin.toml with a log that is joined by the motion, where no film says when it starts."""
     pressure = data.get("pressure")
@@ -523,32 +584,37 @@ def with_join(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def check_films(c: Config) -> None:
-    """Raise ValueError where [[films]] do not go together."""
-    for key in ("name", "file"):
-        twice = [v for v, count in Counter(getattr(film, key) for film in c.films).items() if count > 1]
-        if twice:
-            raise ValueError(f"films.{key} = {twice[0]!r} stands twice in [[films]]; give each film its own")
-    if c.films and all(film.held_out for film in c.films):
-        raise ValueError(
-            f"films: all {len(c.films)} have held_out = true, so nothing is left to fit; take it away "
-            "from one of them"
-        )
+    """Raise ValueError where [[films]], or [[import]], do not go together."""
     if c.films and c.dic is not None:
         raise ValueError("films: [dic] takes one film; remove [[films]] or [dic]")
-    _check_gravity(c)
-    shares_by_surface({f"films: {film.name}": film.pressure_shares for film in c.films})
+    _check_recordings(c, "films", "film", c.films)
+    _check_recordings(c, "import", "recording", c.imports)
 
 
-def _check_gravity(c: Config) -> None:
-    """Raise ValueError where some films state gravity and others do not, or it is stated twice."""
-    stating = [film.name for film in c.films if film.gravity is not None]
-    if stating and len(stating) < len(c.films):
+def _check_recordings(
+    c: Config, table: str, one: str, recordings: Sequence[FilmTable | RecordingTable]
+) -> None:
+    """Raise ValueError where recordings do not go together; one: what each is, of the array `table`."""
+    for key in ("name", "file"):
+        twice = [v for v, count in Counter(getattr(r, key) for r in recordings).items() if count > 1]
+        if twice:
+            raise ValueError(
+                f"{table}.{key} = {twice[0]!r} stands twice in [[{table}]]; give each {one} its own"
+            )
+    if recordings and all(r.held_out for r in recordings):
         raise ValueError(
-            f"films: gravity stands in {', '.join(stating)} and not in the others; wanted it in every film, "
-            "or in none and under [model]"
+            f"{table}: all {len(recordings)} have held_out = true, so nothing is left to fit; take it away "
+            "from one of them"
+        )
+    stating = [r.name for r in recordings if r.gravity is not None]
+    if stating and len(stating) < len(recordings):
+        raise ValueError(
+            f"{table}: gravity stands in {', '.join(stating)} and not in the others; wanted it in every "
+            f"{one}, or in none and under [model]"
         )
     if stating and c.model.gravity is not None:
         raise ValueError(
-            f"model.gravity = {list(c.model.gravity)} beside gravity in [[films]]: wanted it in one place; "
+            f"model.gravity = {list(c.model.gravity)} beside gravity in [[{table}]]: wanted it in one place; "
             "remove it from [model]"
         )
+    shares_by_surface({f"{table}: {r.name}": r.pressure_shares for r in recordings})

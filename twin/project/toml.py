@@ -11,14 +11,20 @@ from pydantic.fields import FieldInfo
 
 from twin import files
 from twin.bodies.kinds import BODIES
-from twin.project.config import FORMER, Config, with_first_film, with_join
+from twin.project.config import FORMER, Config, with_first_film, with_join, with_recordings
 from twin.tablemodel import keys_of
 from twin.validation import checked, table_of, tables_of, value_text
 
 
 def parse(data: bytes, *, name: str) -> Config:
     """The configuration in a file's bytes; ValueError is one sentence that begins with its name."""
-    return checked(Config, with_join(with_first_film(_without_former(tables_of(data, name=name)))), name=name)
+    tables = with_join(with_first_film(_without_former(tables_of(data, name=name))))
+    try:
+        return checked(Config, with_recordings(tables), name=name)
+    except ValueError as error:
+        if isinstance(tables.get("import"), dict):  # [import], of one recording
+            raise ValueError(str(error).replace("import[1].", "import.")) from None
+        raise
 
 
 def former_keys(data: bytes) -> list[str]:
@@ -52,9 +58,11 @@ def dump(config: Config) -> str:
             continue  # of a film alone
         if isinstance(value, BaseModel):
             lines += _table(key, value)
+        elif value is not None and key == "import" and len(value) == 1:
+            lines += _table(key, value[0])
         elif value is not None:
             lines += _tables(key, value)
-    if not config.cameras and config.imported is None:
+    if not config.cameras and not config.imports:
         lines += ["", "# There is no [[cameras]]: the targets were measured elsewhere and lie in targets/."]
     return "\n".join(lines) + "\n"
 

@@ -19,6 +19,7 @@ from twin.review.filmed import Filmed
 from twin.review.filmlayer import log_filmed, log_strains
 from twin.review.scene import Scene, States, log_constants, log_states, rerun_file, scene_of
 from twin.review.states import Array, Fields, Generations, Integers, Strains
+from vision.film.scheduling import as_before
 from vision.film.video import film_stream, opened
 
 SERIES = ((86, 180, 233), (230, 159, 0), (0, 190, 140), (204, 121, 167), (240, 228, 66), (213, 94, 0))
@@ -106,6 +107,8 @@ def encode_av1(film: Path) -> bytes:
         stream.pix_fmt, stream.gop_size = "yuv420p", 20  # short groups of pictures scrub smoothly
         if video.time_base is not None:
             stream.codec_context.time_base = video.time_base
+        with as_before():
+            stream.codec_context.open()
         for frame in source.decode(video):
             small = frame.reformat(width=stream.width, height=stream.height, format="yuv420p")
             small.pts, small.time_base = frame.pts, frame.time_base

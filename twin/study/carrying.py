@@ -58,7 +58,8 @@ def carried(on: OnPaths) -> Carried | None:
     noise = _noise(t)
     if highest <= 0.0 or not whole.within(CLOSE) or whole.misfit < NOISE * noise:
         return None
-    for top in np.unique(np.append(used * np.linspace(1.0, 0.2, LEVELS), used))[::-1]:
+    lowest = float(t.pressure[t.used.any(axis=(1, 2)) & (t.pressure > 0.0)].min())
+    for top in np.unique(np.append(np.maximum(used * np.linspace(1.0, 0.2, LEVELS), lowest), used))[::-1]:
         level = _level(on, float(top))
         if level.fit is None or (level.within(NEAR) and level.misfit > NOISE * noise):
             continue
@@ -106,6 +107,11 @@ def in_words(limit: float, highest: float, fitted: float) -> str:
     >>> print(in_words(0.044, 0.045, 0.04).partition(": ")[0])
     With constants that fit the lower pressures this model carries at most 44 kPa, the test goes to 45 kPa
     """
+    if limit >= highest:
+        return (
+            f"Fit and comparison use what lies up to {1e3 * fitted:.3g} kPa of {1e3 * highest:.3g} kPa: "
+            "constants that fit more of it carry it no more. `twin diagnose` looks for what is missing."
+        )
     return (
         f"With constants that fit the lower pressures this model carries at most {1e3 * limit:.3g} kPa, the "
         f"test goes to {1e3 * highest:.3g} kPa: its walls balloon where the real ones do not. Reinforcement, "

@@ -121,7 +121,7 @@ class OnPaths:
         t, model = self.bench.targets, self.bench.model(())
         if self.bench.jobs is not None or self.of_one_shape:
             return self._by_whole_solves(model, best, say)
-        starts = np.array([best, [p.start for p in model.parameters], *more])
+        starts = self.starts(best, *more)
         if t.bare:
             fit = self.unweighted(starts)
         else:
@@ -134,6 +134,16 @@ class OnPaths:
         judged = bench.judged(model, fit.theta, say, seed=bench.project.config.calibrate.seed)
         say.progress("least squares", 3, 3)
         return bench, judged
+
+    def starts(self, best: Array, *more: Array) -> Array:
+        """Starts (m, d) of least squares: those given, the theoretical constants, and of the usual shape the
+        scale that fits best where that fits better than `best`. A search misses it where only softer
+        constants, near those that carry the load no more, move as the test does."""
+        theta, rms = self.over_scales(self.bench.elasticity.initial.shape)
+        usual = [p.start for p in self.bench.model(()).parameters]
+        k, parameters = int(rms.argmin()), self.bench.elasticity.parameters
+        found = self.cost({p.name: float(x) for p, x in zip(parameters, best, strict=True)})
+        return np.array([best, *more, usual, *([theta[k]] if rms[k] < found else [])])
 
     def _by_whole_solves(self, model: Model, best: Array, say: Say) -> tuple[Workbench, Judged]:
         """The fit by whole solves or jobs alone, from where the search ended: several starts would cost as

@@ -38,7 +38,7 @@ def overlay(film: Video, tracks: Tracks) -> NDArray[np.uint8]:
     before, not at all. Raises ValueError when the film does not show that frame.
     """
     frame = farthest(tracks)
-    grey: Image | None = next((image for index, _, image in film.frames() if index == frame), None)
+    grey: Image | None = next((image for _, _, image in film.frames(frame, frame + 1)), None)
     if grey is None:
         raise ValueError(
             f"{film.path.name} does not show frame {frame}: it has changed since it was followed"

@@ -32,6 +32,7 @@ COARSER, FINER = 4.5, 1.7  # of it to half the bytes, which edges take; to twice
 SEARCHED = 3 * UNSEEN  # frames in which the rate factor is searched: half of them are as inside a film
 KEPT_GREY = 0.65  # grey levels left: x264's usual tuning leaves 0.5 at most, that for grain 0.7 at crf 18
 CAMERA_GREY = 1.5  # grey levels, usual sd of a camera's noise: coding takes it away, and pays for it in bytes
+CLOSE = 4.0  # rate factors, one too fine and one too coarse, between which their line tells the right one
 NEAR = 0.2  # powers of two of the bytes, or rate factors, that are near enough: 15 % of the bytes
 
 
@@ -68,9 +69,10 @@ def coded_again(
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "again.mp4"  # to open an mkv takes four times as long
             level, ratio = _matched(film, coding, window, level, path)
-            again = np.array(list(_followed_again(path, follower, followed, window, progress)))
-        shift = moved_by(centres(again, follower.centre), followed.ideal[window], plane, frame, points)
-        inner = _inner(len(shift))
+            inner = _inner(window.stop - window.start)
+            shown = slice(window.start, window.start + inner.stop)
+            again = np.array(list(_followed_again(path, follower, followed, shown, progress)))
+        shift = moved_by(centres(again, follower.centre), followed.ideal[shown], plane, frame, points)
         result.append(Again(window, shift[inner], state[window][inner, points], level, ratio))
     return result
 
@@ -155,7 +157,7 @@ def _searched(off_at: Callable[[float], float], level: float) -> float:
     """Rate factor at which `off_at`, the logarithm of the bytes over those wanted, is nearly 0.
 
     It falls with the rate factor: guesses by its usual slope until one is above and one below, then false
-    position, until the rate factor hardly moves.
+    position, until these are CLOSE: the whole stretch is coded next, which tells what is left.
     """
     low, high = (FINEST, np.inf), (COARSEST, -np.inf)  # factors, and their logarithms
     before, tried = 0.0, np.inf
@@ -170,19 +172,24 @@ def _searched(off_at: Callable[[float], float], level: float) -> float:
         level = float(np.clip(level + off * (COARSER if off > 0 else FINER), FINEST, COARSEST))
         if np.isfinite(low[1]) and np.isfinite(high[1]):
             level = low[0] + (high[0] - low[0]) * low[1] / (low[1] - high[1])
+            if high[0] - low[0] < CLOSE:
+                break
     return level
 
 
 def _coded(pictures: Sequence[Image], coding: Coding, window: slice, level: float, path: Path) -> float:
-    """Writes the pictures of the window at that rate factor; logarithm (2) of their bytes over the film's."""
+    """Writes the pictures of the window at that rate factor, but for the last, which do not count; logarithm
+    (2) of their bytes over the film's."""
     encoder, options = coding.options(level)
-    size = (pictures[0].shape[1], pictures[0].shape[0])
-    with Writer(path, size, fps=coding.fps, codec=encoder, options=options, grey=True) as writer:
+    size, inner = (pictures[0].shape[1], pictures[0].shape[0]), _inner(len(pictures))
+    with Writer(
+        path, size, fps=coding.fps, codec=encoder, options=options, grey=True, shown=inner.stop
+    ) as writer:
         for image in pictures:
             writer.add(image)
     again = Video(path).coding()
-    target = _bytes(coding.size[window], coding.key[window])
-    return float(np.log2(max(_bytes(again.size, again.key), 1) / max(target, 1)))
+    target = _bytes(coding.size[window][inner], coding.key[window][inner])
+    return float(np.log2(max(_bytes(again.size[inner], again.key[inner]), 1) / max(target, 1)))
 
 
 def _inner(count: int) -> slice:
@@ -192,9 +199,7 @@ def _inner(count: int) -> slice:
 
 
 def _bytes(size: NDArray[np.intp], key: NDArray[np.bool_]) -> int:
-    """Bytes of the frames that are no key frames, without those at the window's ends; of all if all are."""
-    inner = _inner(len(size))
-    size, key = size[inner], key[inner]
+    """Bytes of the frames that are no key frames; of all if all are."""
     return int(size[~key].sum()) if (~key).any() else int(size.sum())
 
 

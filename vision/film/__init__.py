@@ -4,5 +4,6 @@ Read `video` first: one film, of which one frame at a time is in memory; `packet
 `series` takes a folder of pictures as a film, in the order that `numbering` reads in their names.
 `checkpoint` goes through a film and keeps what every frame showed, so that a killed run follows no frame
 twice; `decoding` reads ahead meanwhile. `picturefaults` says what is wrong with a picture: dark, blurred,
-repeated. `flash` finds when a lamp in the film goes on.
+repeated. `flash` finds when a lamp in the film goes on. `scheduling` keeps an encoder from taking the whole
+computer.
 """

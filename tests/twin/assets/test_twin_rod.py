@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from fe import Material, Path
+from fe import Case, Material, Path
 from fe.mesh.extruding import box_grid, extruded, hollow_case
 from twin.assets import mujocochain, sections, sectiontable
 from twin.assets.rod import Rod, lengths, straight, turns
@@ -135,3 +135,16 @@ def test_turns_do_not_jump_where_a_finger_curls_up() -> None:
     angle = np.linspace(0.0, 7.0, 30)
     steps = np.stack([np.cos(angle), 0 * angle, -np.sin(angle)], axis=1)
     np.testing.assert_allclose(turns(np.cumsum(np.concatenate([np.zeros((1, 3)), steps]), axis=0)), angle, atol=1e-9)
+
+
+def test_what_a_neo_hooke_solid_would_lose_is_nothing_of_one_and_something_of_another(coarsest_case: Case) -> None:
+    tip, pressure = coarsest_case.nodes[[int(coarsest_case.nodes[:, 0].argmax())]], np.array([0.02, 0.01])
+
+    def lost(material: Material) -> float:
+        still = Path(np.array([0.0, 1.0]), np.zeros(2), output=np.zeros(1))
+        case = replace(coarsest_case, materials=dict.fromkeys(coarsest_case.materials, material))
+        return sections._neo_hooke(Test(case, still, tip, np.ones(1, bool)), tip, pressure, 1.0)
+
+    assert lost(Material(C10=0.3)) < 1e-6
+    assert 1e-3 < lost(Material(C10=0.2, C01=0.1)) < 0.1
+    assert np.isnan(lost(Material(C10=0.01)))  # too soft to carry 20 kPa

@@ -29,9 +29,9 @@ from twin.commands.recalibrate import run_recalibrate
 from twin.commands.recalibrateall import recalibrate_all
 from twin.commands.trust import run_trust
 from twin.executors.local import using
-from twin.formats.importtable import ImportTable
 from twin.judging.fitrecord import FitRecord
 from twin.marktables import PointTable
+from twin.project.cameratables import RecordingTable
 from twin.project.config import Config, ProjectTable
 from twin.project.folder import Project, dataset
 from twin.project.targetfiles import write_targets
@@ -469,7 +469,7 @@ def test_too_few_batches_are_listed_and_not_tested(batch, stages, say, tmp_path)
 
 def test_equal_films_of_two_batches_are_told(batch):
     films = {"b-1": "the same", "b-2": "another", "b-3": "the same"}
-    projects = [batch(name, **{"import": ImportTable(file="raw/film.csv", format="csv")}) for name in films]
+    projects = [batch(name, **{"import": (RecordingTable(name="film", file="raw/film.csv", format="csv"),)}) for name in films]
     for project, text in zip(projects, films.values(), strict=True):
         project.path("raw").mkdir()
         for file in ("film.csv", "log.csv"):  # one log of two films is right

@@ -32,7 +32,7 @@ CLASSES = {
     Mechanism.HISTORY: {"creep", "mullins", "thermal"},
     Mechanism.LAW: {"stiffening", "compressibility"},
     Mechanism.BODY: BODY,
-    Mechanism.LOAD: {"clamp", "gravity", "contact", "tube"},
+    Mechanism.LOAD: {"clamp", "gravity", "contact", "tube", "inertia"},
     Mechanism.COURSE: {"pressure_gain", "pressure_offset", "pressure_lag", "time_shift"},
     Mechanism.PICTURE: {"camera_scale", "camera_rotation", "camera_tilt", "camera_breathing", "marker_slip", "marker_standoff"},
 }

@@ -14,9 +14,14 @@ from twin.diagnosis.refitting import gain, refitted
 from twin.diagnosis.screening import screened
 from twin.diagnosis.signatures import signatures_of
 from twin.effects.library import effect
-from twin.judging.judged import judge
+from twin.effects.protocol import Effect
+from twin.judging.judged import Judged, judge
 from twin.model.keptmodel import KeptModel, base_model
+from twin.model.nearmodel import NearModel
+from twin.model.prediction import Tangents
 from twin.targets import Noise, Targets
+
+pytestmark = pytest.mark.usefixtures("solved_once")
 
 
 def test_only_a_right_effect_gains_in_parts_left_out() -> None:
@@ -37,23 +42,77 @@ def test_only_a_right_effect_gains_in_parts_left_out() -> None:
     assert -4 < np.mean(wrong) < 0
 
 
+SD = 0.03  # mm
+
+
+def creeping(plain: Targets, case: Case) -> tuple[Targets, Effect]:
+    """Targets of a finger that creeps, with noise, and the effect."""
+    own = effect("creep")
+    u = base_model(plain, case).with_effect(own).predict(np.array([0.214, 0.083, 0.15, 2.0]))
+    value = u + SD * np.random.default_rng(8).standard_normal(u.shape)
+    return replace(plain, value=value, covariance=np.tile(SD**2 * np.eye(3), (*u.shape[:2], 1, 1))), own
+
+
+def missing(own: Effect, t: Targets, case: Case) -> tuple[Judged, Tangents, Hypothesis]:
+    """The fit of the base model, an effect's tangents there, and the hypothesis that it is missing."""
+    base = judge(base_model(t, case), t, starts=np.array([0.2, 0.1]))
+    tangents = base.model.tangents(base.theta, [own])
+    (h,) = screened(base, signatures_of(base, [own], tangents=tangents))
+    return base, tangents, h
+
+
+def test_a_refit_whose_start_has_no_equilibrium_begins_with_the_constants_of_the_base_fit(
+    coarsest_case: Case,
+    make_targets: Callable[..., Targets],
+    make_noise: Callable[..., Noise],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    t, own = creeping(make_targets(noise=make_noise(3, sd=SD, rho=0.0, common=0.0)), coarsest_case)
+    base, tangents, h = missing(own, t, coarsest_case)
+    right, _ = refitted(h, base, t, seed=0, tangents=tangents)
+    soft = replace(h, start={**h.start, "C10": 0.012, "C01": 0.0})  # carries a tenth of the pressure
+    monkeypatch.setattr(refitting, "_foreseen", lambda model, start, *others: dict(start))
+    found, judged = refitted(soft, base, t, seed=0, tangents=tangents)
+    assert found.note == ""
+    assert judged is not None
+    assert found.evidence == pytest.approx(right.evidence, abs=2.0)
+    assert isinstance(judged.model, NearModel)
+    assert judged.model.whole.failures == 1
+
+
+def test_a_refit_that_ends_above_the_base_model_begins_again_at_its_constants(
+    coarsest_case: Case,
+    make_targets: Callable[..., Targets],
+    make_noise: Callable[..., Noise],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    t, own = creeping(make_targets(noise=make_noise(3, sd=SD, rho=0.0, common=0.0)), coarsest_case)
+    base, tangents, h = missing(own, t, coarsest_case)
+    stiff = replace(h, start={**h.start, "C10": 0.9, "C01": 0.3})
+    monkeypatch.setattr(refitting, "_foreseen", lambda model, start, *others: dict(start))
+    monkeypatch.setattr(refitting, "MORE", 0)  # two solves are too few from there
+    found, judged = refitted(stiff, base, t, seed=0, tangents=tangents)
+    assert judged is not None
+    assert judged.deviance < base.deviance
+    assert found.evidence is not None
+    monkeypatch.setattr(refitting, "_nearer", lambda model, h, *others: model.theta(h.start))
+    vain, judged = refitted(stiff, base, t, seed=0, tangents=tangents)
+    assert judged is None
+    assert vain.note == refitting.IN_VAIN
+    assert vain.evidence is None  # a step that was never solved is no evidence
+
+
 def test_a_refit_by_the_response_is_that_by_whole_solves(
     coarsest_case: Case,
     make_targets: Callable[..., Targets],
     make_noise: Callable[..., Noise],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    plain, own, sd = make_targets(noise=make_noise(3, sd=0.03, rho=0.0, common=0.0)), effect("creep"), 0.03
-    truth = base_model(plain, coarsest_case).with_effect(own)
-    u = truth.predict(np.array([0.214, 0.083, 0.15, 2.0]))
-    value = u + sd * np.random.default_rng(8).standard_normal(u.shape)
-    t = replace(plain, value=value, covariance=np.tile(sd**2 * np.eye(3), (*u.shape[:2], 1, 1)))
+    t, own = creeping(make_targets(noise=make_noise(3, sd=SD, rho=0.0, common=0.0)), coarsest_case)
 
     def refit(nearby: float, *, exact: bool = False) -> tuple[Hypothesis, int]:
         monkeypatch.setattr(refitting, "NEARBY", nearby)
-        base = judge(base_model(t, coarsest_case), t, starts=np.array([0.2, 0.1]))
-        tangents = base.model.tangents(base.theta, [own])
-        (h,) = screened(base, signatures_of(base, [own], tangents=tangents))
+        base, tangents, h = missing(own, t, coarsest_case)
         found, _ = refitted(h, base, t, seed=0, tangents=tangents, exact=exact)
         whole = base.model.with_effect(own)
         assert isinstance(whole, KeptModel)

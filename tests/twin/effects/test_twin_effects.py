@@ -28,6 +28,7 @@ FELT = {
     "contact": {"contact.stiffness": 0.5, "contact.distance": 0.2},
     "contact:2": {"contact.stiffness": 0.5, "contact.distance": 0.2, "contact.friction": 0.4},
     "pressure_lag": {"pressure_lag.tau": 0.4},
+    "inertia": {"inertia.share": 1.0, "inertia.hz": 3.0, "inertia.damping": 0.1},
     "camera_scale": {"camera_scale.scale": 0.02},
 }
 

@@ -23,6 +23,15 @@ TOLD = {
         {"w1": 0.0, "w2": 0.0, "w3": 0.5, "w4": 0.1, "w5": 0.0},
         "the pressure in the chamber is 0.32 s behind the gauge, by more than one delay",
     ),
+    "inertia": (
+        {"share": 1.02, "hz": 6.23, "damping": 0.064},
+        "the finger swings at 6.2 Hz after a fast change of the pressure, with a damping ratio of 0.064",
+    ),
+    "inertia:2": (
+        {"share": 0.95, "hz": 6.0, "damping": 0.03, "faster": 0.2, "drag": 0.15},
+        "the finger swings at 6 Hz after a fast change of the pressure, with a damping ratio of 0.03 and 0.15 more for "
+        "a swing over the whole range of the pressure",
+    ),
     "stiffening": (
         {"C20": 0.005},
         "the silicone stiffens with strain, other than the Mooney-Rivlin law says, by 0.012 MPa of its shear "

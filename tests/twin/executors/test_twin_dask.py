@@ -211,8 +211,8 @@ class _once:
                 if self._left:
                     return
                 time.sleep(0.02)
+            self.done.append("done")  # first: who waits may hear of it before the act has come to its end
             act()
-            self.done.append("done")
 
         self._thread = Thread(target=watch)
 

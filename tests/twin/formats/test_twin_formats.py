@@ -20,6 +20,7 @@ from twin.formats.importtable import ImportTable
 from twin.formats.recorded import Recorded
 from twin.formats.supplied import mm_per_unit, still_wanted, turned
 from twin.marktables import PointTable
+from twin.project.cameratables import RecordingTable
 from twin.project.folder import Project
 from twin.project.targetfiles import read_targets, write_targets
 from twin.project.toml import with_key
@@ -255,8 +256,7 @@ def test_a_table_of_an_own_finger_needs_one_command(tmp_path: Path) -> None:
     config = Project.open(tmp_path / "batch").config
     assert config.model.finger is not None
     assert (config.model.finger.length_mm, config.model.finger.pleats) == (80.0, 6)
-    assert config.imported is not None
-    assert config.imported.sd_mm == 0.02
+    assert [table.sd_mm for table in config.imports] == [0.02]
     wrong = {
         "80": "wanted KEY=VALUE", "long_mm=80": "long_mm", "length_mm=far": "length_mm", "pleats=6.5": "pleats",
         "length_mm=70": "walls are too steep to mesh",
@@ -272,9 +272,8 @@ def test_a_table_of_an_own_finger_needs_one_command(tmp_path: Path) -> None:
         run_init(tmp_path / "other", Lines(), sd_mm=-1.0, **given)
     for text, rows in (("holds", "holds"), ("0-60, 200-260", ((0, 60), (200, 260)))):
         run_init(tmp_path / f"still {text}", Lines(), still=text, finger=shape, **given)
-        imported = Project.open(tmp_path / f"still {text}").config.imported
-        assert imported is not None
-        assert imported.still_steps == rows
+        imports = Project.open(tmp_path / f"still {text}").config.imports
+        assert [table.still_steps for table in imports] == [rows]
     with pytest.raises(ValueError, match=saying("--still", "'0", "60'", "0-60")):
         run_init(tmp_path / "other", Lines(), still="0 to 60", **given)
 
@@ -419,8 +418,8 @@ FACTS = {"sd_mm": 0.2, "mm_per_px": 0.5, "fps": 50.0, "log": "raw/log.csv", "log
 
 def test_init_writes_what_the_file_shows_and_names_what_it_does_not(tmp_path: Path, batch: Path) -> None:
     project = Project.open(batch)
-    table = project.config.imported
-    assert table == ImportTable(file="raw/film.csv", format="deeplabcut", axes="x,0,-y")
+    table = RecordingTable(name="film", file="raw/film.csv", format="deeplabcut", axes="x,0,-y")
+    assert project.config.imports == (table,)
     assert [(p.name, p.node, p.position_mm) for p in project.config.points] == [
         ("tip", 4401, None), ("middle", None, (53.0, 11.3, 20.0)),
     ]

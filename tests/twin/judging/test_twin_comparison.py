@@ -12,7 +12,7 @@ from calibrate.parameters import Parameter
 from fe import Path
 from twin import virtual
 from twin.files import plain
-from twin.judging.comparison import BRANCHES, Comparison, branches, compare, noise_in_words
+from twin.judging.comparison import BRANCHES, Comparison, branches, compare, error_in_words, noise_in_words
 from twin.judging.fitrecord import FitTest, MapRow
 from twin.judging.sharederrors import in_words, subject
 from twin.judging.whitening import whitener
@@ -257,6 +257,15 @@ def test_where_nothing_was_measured_no_number_is_made_up(course: Path) -> None:
     assert not bad.adequate
     assert empty[0].name not in bad.where
     assert "nan" not in bad.where
+
+
+def test_an_error_larger_than_all_that_moves_is_expected_of_nobody(course: Path) -> None:
+    t = draw(course, 1)
+    assert judged(t).expected_mm < 0.1
+    rest = np.sin(np.arange(len(t.time)))[:, None, None] * np.ones_like(t.value)  # unlike any constant's motion
+    found = judged(replace(t, modes=np.concatenate([t.modes, 1e4 * rest[None]]), mode_names=(*t.mode_names, "odd")))
+    assert np.isnan(found.expected_mm)
+    assert "A right model" not in error_in_words(found)
 
 
 def test_branches_follow_the_pressure() -> None:

@@ -247,3 +247,15 @@ def test_the_gauge_s_slope_has_the_mesh_s_change(draw: Draw) -> None:
         assert np.abs(ends[-1] - u).max() > 1e-4
     slope = (ends[0] - ends[1]) / (2 * h)
     np.testing.assert_allclose(model.per_pressure(THETA), slope, rtol=0, atol=5e-3 * np.abs(slope).max())
+
+
+def test_an_error_of_the_mesh_larger_than_the_body_is_no_estimate(short: Finger, draw: Draw) -> None:
+    bent, way = draw.mesh.base[0], np.zeros_like(draw.mesh.base[0])
+    way[1, :, 1] = 1.0  # across, at one low pressure: no softer silicone moves it so
+
+    def far(stage: str, tasks: Mapping[str, Callable[[], Array]], /) -> dict[str, Array]:
+        return {key: bent + 60.0 * (k == 0) * way for k, key in enumerate(tasks)}  # the finest alone
+
+    at = SolvedAt(NOMINAL, float(draw.mesh.grid[-1]))
+    found = discretisation_error(draw.model.test, structure=of_finger(short, COARSE), solved_at=at, cache=far)
+    assert "mm long, which is no estimate" in found.unknown

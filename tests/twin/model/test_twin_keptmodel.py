@@ -9,7 +9,7 @@ import pytest
 
 from fe import Case
 from twin.effects.library import effect
-from twin.effects.protocol import Order
+from twin.effects.protocol import Order, Unsolvable
 from twin.effects.standins import stand_ins
 from twin.model import prediction
 from twin.model.keptmodel import KEPT, SAME, KeptModel, base_model
@@ -92,6 +92,26 @@ def test_a_repeated_question_is_not_solved_again(pure: Model, monkeypatch: pytes
     assert len(solves) == 1 + KEPT
     np.testing.assert_allclose(model.predict(theta), u, rtol=0, atol=SAME)
     assert len(solves) == 2 + KEPT
+
+
+def test_what_has_no_equilibrium_is_not_tried_again(pure: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    solves: list[int] = []
+    respond = prediction.respond
+
+    def counted(*args: object, **named: object) -> object:
+        solves.append(1)
+        return respond(*args, **named)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(prediction, "respond", counted)
+    model = remembering(pure)
+    soft = constants(pure, 0.05)
+    with pytest.raises(Unsolvable, match="finite-element model") as first:
+        model.values(soft)
+    with pytest.raises(Unsolvable) as again:
+        model.predict(soft)
+    assert (str(again.value), again.value.reached) == (str(first.value), first.value.reached)
+    assert len(solves) == 1
+    model.predict(constants(pure, 1.0))
 
 
 def test_a_worker_has_the_solves_of_the_model_that_it_is_sent(

@@ -9,6 +9,7 @@ from fe import Case
 from twin.effects.library import effect
 from twin.model.keptmodel import KeptModel, base_model
 from twin.model.nearmodel import NearModel
+from twin.model.response import Surrogate
 from twin.targets import Array, Targets
 
 BASE, SIZE = np.array([0.214, 0.083]), 0.02  # MPa: C10 and C01, and C20 of the stiffening
@@ -95,3 +96,19 @@ def test_where_it_answers_without_a_solve_it_is_as_far_off_as_it_states(
     assert len(model.whole.kept) == 1
     assert len(pulls) >= 6
     assert 0.02 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+
+
+def test_where_the_response_knows_nothing_the_first_solve_takes_derivatives(
+    bases: tuple[KeptModel, dict[str, list[Array]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, taken = near(bases), []
+    monkeypatch.setattr(KeptModel, "values", lambda self, theta: taken.append(theta) or self.solved(theta))
+    model.predict(at(1.0))
+    assert len(taken) == 1
+    answer = Surrogate.answer
+    monkeypatch.setattr(Surrogate, "answer", lambda self, theta: (answer(self, theta)[0], np.full((), 1e3)))
+    model = near(bases)
+    monkeypatch.setattr(NearModel, "_rms", lambda self, field: float(np.abs(field).max()))
+    model.certify(at(1.0))
+    assert len(taken) == 1
+    assert model.whole.kept[-1].jacobian is not None

@@ -70,7 +70,7 @@ def test_a_browser_on_this_machine_draws_both_sides(served, require, tmp_path):
         assert not answers(page, other)
         assert not answers(data, other)
     url = f"http://127.0.0.1:{page}/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy&renderer=webgl"
-    with Browser(tmp_path / "profile") as browser:
+    with Browser(tmp_path / "profile", webgl=True) as browser:
         browser.open(url)
         end = time.monotonic() + DRAWN_S
         while not beside(drawn := browser.photograph()) and time.monotonic() < end:

@@ -1,5 +1,6 @@
 """The rerun file read back: mesh and film frame for every generation, on both timelines, with its layout."""
 
+import os
 from fractions import Fraction
 from pathlib import Path
 
@@ -239,7 +240,10 @@ def test_times_that_do_not_fit_the_film_give_a_note(film: Path, tmp_path: Path) 
 
 def test_the_copy_for_review_keeps_pictures_and_time_stamps(film: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy.mp4"
+    before = os.sched_getscheduler(0)
     copy.write_bytes(encode_av1(film))
+    threads = map(int, os.listdir("/proc/self/task"))
+    assert {os.sched_getscheduler(thread) for thread in threads} == {before}  # root would be left real-time
     with av.open(copy) as stored:
         frames = list(stored.decode(video=0))
         assert stored.streams.video[0].codec_context.name in {"libdav1d", "av1"}

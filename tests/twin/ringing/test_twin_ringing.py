@@ -7,8 +7,9 @@ from benchmarks.diagnosis.ringing_beam import foretold
 import numpy as np
 import pytest
 
+from twin.formats.motionfile import read_motion
 from twin.ringing.dampedsine import damped_sine
-from twin.ringing.freevibration import Ringing, ringing
+from twin.ringing.freevibration import Ringing, ringing, ringings
 from twin.targets import Array
 
 HZ, RATIO = 4.3, 0.06
@@ -95,6 +96,31 @@ def test_what_swings_on_when_the_vibration_is_gone_is_not_taken_for_it() -> None
     assert found.damping == pytest.approx(RATIO, abs=0.006)
 
 
+def test_a_step_that_creeps_by_more_than_it_rings_is_seen() -> None:
+    """As the arm at 40 kPa: it fills within 0.15 s and creeps on by ten times what it rings."""
+    t = np.arange(150) / 100
+    late = np.maximum(t - 0.1, 0.0)
+    w = 2 * np.pi * 8.0
+    y = 20 * (1 - np.exp(-late / 0.12)) + 8 * (1 - np.exp(-late / 0.8)) - 2 * np.exp(-0.07 * w * late) * np.cos(w * late)
+    y = np.where(t < 0.1, -2.0, y)[:, None, None] * WAY + 0.02 * np.random.default_rng(1).standard_normal((150, 3, 3))
+    found = ringing(t, y)
+    assert found.frequency == pytest.approx(8.0, abs=max(0.1, 4 * found.frequency_sd))
+    assert found.damping == pytest.approx(0.07, abs=0.02)
+
+
+def test_every_ringing_of_a_record_is_found_and_a_jump_is_none() -> None:
+    lifted = np.linspace(0.5, 12, 100)[:, None, None] * WAY
+    parts = [record(seed, hz=hz)[1] for seed, hz in ((1, 4.3), (2, 6.0), (3, 3.1))]
+    y = np.concatenate([part for one in parts for part in (lifted, one)])
+    y[1775:1778, 1] += 30.0  # a marker jumps while nothing moves
+    found = ringings(np.arange(len(y)) / 100, y)
+    assert [round(one.frequency, 1) for one in found] == [4.3, 6.0, 3.1]
+    assert [1.5 < one.start - 6 * k < 2.2 for k, one in enumerate(found)] == [True] * 3
+    t = np.arange(400) / 100
+    quiet = np.clip(t - 1, 0, 1)[:, None, None] * WAY + 0.01 * np.random.default_rng(4).standard_normal((400, 3, 3))
+    assert ringings(t, quiet) == ()
+
+
 def test_too_few_frames_a_period_are_told() -> None:
     assert ringing(*record(1)).doubt == ""
     # at 6 frames a second 4.3 Hz look like 1.7
@@ -113,6 +139,16 @@ def test_what_does_not_ring_is_refused() -> None:
         ringing(t[:10], y[:10])
     with pytest.raises(ValueError, match="too few"):
         damped_sine(t[:4], y[:4, 0], near=HZ)
+
+
+def test_a_real_arm_rings_after_its_steps_while_it_creeps(shared_data: Any) -> None:
+    found = {}
+    for mbar in (75, 200, 300, 350, 400):
+        moved = read_motion(shared_data / "pneumatic_arm" / f"arm_{mbar:03d}mbar.csv", fps=100.0)
+        assert moved.base == ("m1", "m2", "m3", "m4")
+        (found[mbar],) = ringings(moved.time, moved.position)
+    assert [round(one.frequency, 1) for one in found.values()] == [8.2, 8.3, 8.3, 8.3, 7.8]
+    assert all(0.04 < one.damping < 0.09 for one in found.values())
 
 
 @pytest.mark.slow

@@ -110,7 +110,26 @@ def test_a_solve_that_comes_less_far_is_asked_for_less() -> None:
         as_far_as_it_carries(bench, lambda b: (_ for _ in ()).throw(Unsolvable("no stable rubber")))  # type: ignore[arg-type]
 
 
+def test_steps_to_few_pressures_have_no_level_without_data(short_case: Case) -> None:
+    on = on_paths(short_case, 1.5 * LIMIT * SCALE, further=0.8)
+    t = on.bench.targets
+    few = replace(t, valid=t.valid & (t.pressure >= 0.9 * t.pressure.max())[:, None, None])
+    assert carried(OnPaths.on(replace(on.bench, targets=few), on.paths)) is None
+
+
+def test_a_search_that_ends_too_stiff_is_mended_by_the_scale_that_fits_best(short_case: Case) -> None:
+    on = on_paths(short_case, 0.9 * LIMIT * SCALE)
+    stiff = np.array([0.5])
+    starts = on.starts(stiff)
+    assert starts.shape == (3, 1)
+    assert on.unweighted(starts).theta[0] == pytest.approx(SCALE - 0.06, rel=1e-3)
+    assert min(abs(starts[:, 0] - (SCALE - 0.06))) < 0.03
+    assert len(on.starts(on.unweighted(starts).theta)) == 2  # nothing fits better
+
+
 def test_the_sentence_has_the_pressures_of_the_test() -> None:
     told = in_words(0.0441, 0.045, 0.0405)
     for words in ("carries at most 44.1 kPa", "goes to 45 kPa", "up to 40.5 kPa"):
         assert words in told
+    assert "at most" not in in_words(0.045, 0.045, 0.012)  # as it carries all, that is no limit
+    assert "up to 12 kPa of 45 kPa" in in_words(0.045, 0.045, 0.012)

@@ -37,8 +37,9 @@ def tracks() -> Tracks:
 
 
 def film(frames: int = FRAMES) -> Any:
-    def pictures() -> Any:
-        return ((t, t / 10.0, np.full((400, 640), t, dtype=np.uint8)) for t in range(frames))
+    def pictures(first: int, stop: int) -> Any:
+        shown = range(first, min(stop, frames))
+        return ((t, t / 10.0, np.full((400, 640), t, dtype=np.uint8)) for t in shown)
 
     return SimpleNamespace(path=Path("film.mkv"), frames=pictures)
 

@@ -204,6 +204,24 @@ def a_finer_rate_is_found_at_once() -> bool:
     return max(tries(1.7, true) for true in (16.0, 18.0, 21.0)) <= 2
 
 
+@case(reencoding, "CLOSE")
+def two_rates_close_to_each_other_tell_the_one_between_them() -> bool:
+    return steep_tries(-3.0) == 2 and steep_tries(-6.0) > 2
+
+
+def steep_tries(second: float) -> int:
+    """How often a rate is tried where the second one tried is so far from the first, and the right one is
+    near the first."""
+    tried: list[float] = []
+
+    def off(level: float) -> float:
+        tried.append(level)
+        return second / reencoding.FINER if level == reencoding.START else 1.0 if len(tried) == 2 else 0.0
+
+    reencoding._searched(off, reencoding.START)
+    return len(tried)
+
+
 @case(reencoding, "NEAR")
 def bytes_within_15_percent_are_near_enough() -> bool:
     return tries(4.5, 23.0 + 4.5 * 0.14) == 1 and tries(4.5, 23.0 + 4.5 * 0.28) == 2

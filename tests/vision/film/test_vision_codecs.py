@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tests.messages import saying
 from vision import Video
+from vision.film.scheduling import as_before
 from vision.film.series import open_film, read_picture
 
 Image = NDArray[np.uint8]
@@ -43,6 +44,8 @@ def write(
         stream.codec_context.time_base = stream.time_base = Fraction(1, 1000)
         if turn:
             stream.set_display_rotation(turn)
+        with as_before():
+            stream.codec_context.open()
         for level, stamp in enumerate(stamps_ms):
             frame = av.VideoFrame.from_ndarray(picture(level), format="gray").reformat(format=pixels)
             frame.pts, frame.time_base = stamp, Fraction(1, 1000)

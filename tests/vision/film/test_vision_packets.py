@@ -29,8 +29,8 @@ def pictures() -> Iterator[np.ndarray]:
         yield np.clip(np.rint(grey + 1.5 * rng.standard_normal(grey.shape)), 0, 255).astype(np.uint8)
 
 
-def written(path: Path, codec: str, **options: str) -> Video:
-    with Writer(path, SIZE, fps=30.0, codec=codec, options=options) as writer:
+def written(path: Path, codec: str, *, shown: int = FRAMES, **options: str) -> Video:
+    with Writer(path, SIZE, fps=30.0, codec=codec, options=options, shown=shown) as writer:
         for grey in pictures():
             writer.add(grey)
     return Video(path)
@@ -54,6 +54,16 @@ def test_b_frames_key_frames_and_bytes_are_those_of_the_coder(
     assert coding.size[0] > 3 * np.median(coding.size)
     assert coding.live == (every in (30, 35))
     assert ("no B-frames" in coding.described()) == (between == 0)
+
+
+@pytest.mark.parametrize(("codec", "between"), [("libx264", 0), ("libx264", 3), ("libx265", 3)])
+def test_frames_that_are_not_shown_are_looked_at_and_not_coded(codec: str, between: int, tmp_path: Path) -> None:
+    more = {"bf": str(between)} if codec == "libx264" else {"x265-params": f"bframes={between}:log-level=error"}
+    whole, part = (written(tmp_path / f"{n}.mp4", codec, shown=n, **more) for n in (FRAMES, 40))
+    assert 40 <= len(part.time) <= 40 + between
+    np.testing.assert_array_equal(part.coding().size[:40], whole.coding().size[:40])
+    for (_, _, a), (_, _, b) in zip(part.frames(0, 40), whole.frames(0, 40), strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def test_the_encoder_that_codes_again_has_the_same_frames(tmp_path: Path) -> None:
