@@ -102,12 +102,9 @@ def _kept(diagnosis: Diagnosis, base: Judged, task: Task) -> Diagnosis:
     model = near_with_effects(base, diagnosis.effects, targets, task.known)
 
     def ended(start: Array) -> Judged:
-        def fit(model: Model, begun: Array, tolerance: float) -> Judged:
-            return judge(model, targets, starts=begun, seed=last.seed, tolerance=tolerance, law=law)
-
         if isinstance(model, NearModel):
-            return fitted_near(model, targets, fit, start)
-        return fit(model, start, SETTLED)
+            return fitted_near(model, targets, start, seed=last.seed, law=law)
+        return judge(model, targets, starts=start, seed=last.seed, tolerance=SETTLED, law=law)
 
     try:
         judged = ended(model.theta(diagnosis.start))

@@ -28,6 +28,7 @@ FEW = 10  # evaluations from the unweighted fit; of a model that is right three 
 SETTLED = 0.25  # sd to which a fit is carried along a response: a 95 % interval off by so much covers 94 %
 ENDS = 4  # ends that are solved then, at most
 TRIES = 3  # solves of a turn: where it is, the step, and a shorter one where that is too long
+SHARES = 0.25, 5.0  # of the step of a turn that are gone, where the steps before turn back or shrink slowly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,23 +223,29 @@ class _Task:
     def settled(self, end: _End) -> _End:
         """The end that errors rebuilt there move no more; the best on the way, where there is no such end.
 
-        A step at a time (iteratively reweighted least squares), so that the errors are never far behind. A
-        step that turns back is halved: of a model that is far off, the errors here lead there and back.
+        A step at a time (iteratively reweighted least squares), so that the errors are never far behind. How
+        the steps r shrink or turn back tells by which share w of one to go (Irons and Tuck 1969, doi
+        10.1002/nme.1620010306), and that w r is what is left to go:
+
+            w_k = -w_(k-1) r_(k-1) . (r_k - r_(k-1)) / |r_k - r_(k-1)|^2
         """
-        best, done, last = end, end.fit.evaluations, np.zeros(len(end.fit.theta))
+        best, done, last, share = end, end.fit.evaluations, None, 1.0
         if not self.turns:
             return end
         for _ in range(self.turns):
-            fit = self._fit(end.whitener, end.fit.theta, TRIES)
+            near = self.tolerance / max(share, 1.0)
+            fit = self._fit(end.whitener, end.fit.theta, TRIES, tolerance=near)
             if not fit.converged and np.array_equal(fit.theta, end.fit.theta):
                 fit = self._fit(end.whitener, end.fit.theta, self.evaluations)
             done = fit.evaluations + end.fit.evaluations
             if np.array_equal(fit.theta, end.fit.theta):
                 return replace(end, fit=replace(fit, evaluations=done))
-            step, sd = fit.theta - end.fit.theta, np.maximum(fit.sd, 1e-300)
-            back = (step / sd) @ (last / sd) < 0
-            last = step / 2 if back else step
-            theta = np.clip(end.fit.theta + last, *bounds(fit.parameters))
+            step = np.nan_to_num((fit.theta - end.fit.theta) / fit.sd)  # none at a bound
+            if last is not None:
+                change = step - last
+                share = float(np.clip(-share * (last @ change) / max(change @ change, 1e-300), *SHARES))
+            last = step
+            theta = np.clip(end.fit.theta + share * (fit.theta - end.fit.theta), *bounds(fit.parameters))
             end = self._at(replace(fit, theta=theta, evaluations=done))
             best = min(best, end, key=lambda e: e.deviance)
         reason = f"the errors of gauge and mesh, rebuilt {self.turns} times at the fit, still move it"

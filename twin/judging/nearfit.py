@@ -4,35 +4,29 @@ Between its whole solves a response answers in milliseconds with an error that i
 needs few of them: those far from every other, and the one next to its end, with the derivatives there.
 """
 
-from collections.abc import Callable
-
-import numpy as np
-
 from twin.judging.fitting import noise_of
-from twin.judging.judged import ENDS, SETTLED, Judged
+from twin.judging.judged import ENDS, SETTLED, Judged, judge, judge_fit
 from twin.model.nearmodel import NearModel
-from twin.model.prediction import Model
 from twin.targets import Array, Targets
 
-SURE = 0.1  # of the noise, by which the response says that it may err at the end
-ALONG = 0.1  # sd to which a fit is carried before its end is solved
+SURE = 0.1  # of the noise, by which the response may err where derivatives are solved first
 
 
 def fitted_near(
-    model: NearModel, targets: Targets, fit: Callable[[Model, Array, float], Judged], start: Array
+    model: NearModel, targets: Targets, start: Array, *, seed: int = 0, law: float = 0.0
 ) -> Judged:
-    """The model, fitted and judged from start (d,) or (m, d) by `fit(model, start, tolerance)` along its
-    response. At the end that errs by less than SURE of the noise, or a solve with derivatives is within
-    SETTLED. Raises Unsolvable as `fit` does."""
-    judged = fit(model, start, ALONG)
-    limit = SURE * noise_of(targets, judged.errors.gauge)
-    if model.error_mm(judged.theta) > limit:
+    """The model, fitted and judged from start (d,) or (m, d) along its response, with seed and law as in
+    `judge`. It ends at a solve with derivatives from where it would go less than SETTLED, or nowhere that is
+    likelier: weights by errors that depend on the parameters do not know that. Raises Unsolvable as `judge`
+    does."""
+    judged = judge(model, targets, starts=start, seed=seed, law=law)
+    if model.error_mm(judged.theta) > SURE * noise_of(targets, judged.errors.gauge):
         model.certify(judged.theta)
-        judged = fit(model, judged.theta, ALONG)
+        judged = judge(model, targets, starts=judged.theta, seed=seed, law=law)
     for _ in range(ENDS):
-        model.certify(end := judged.theta, derivatives=True)
-        judged = fit(model, end, SETTLED)
-        settled = bool(np.all(np.abs(judged.theta - end) <= SETTLED * judged.fit.sd))
-        if settled or model.error_mm(judged.theta) <= limit:
-            break
+        model.certify(judged.theta, derivatives=True)
+        end = judge_fit(model, targets, judged.fit, law=law)
+        judged = judge(model, targets, starts=end.theta, seed=seed, law=law, tolerance=SETTLED)
+        if judged.deviance >= end.deviance:
+            return end
     return judged

@@ -9,12 +9,12 @@ import pytest
 from fe import Case
 from twin.effects.library import effect
 from twin.judging.fitting import fit_unweighted, noise_of
-from twin.judging.judged import SETTLED, Judged, judge, judge_base
+from twin.judging.judged import SETTLED, judge, judge_base
 from twin.judging.nearfit import fitted_near
 from twin.model.keptmodel import KeptModel, base_model
 from twin.model.nearmodel import NearModel
 from twin.model.prediction import Model
-from twin.targets import Array, Noise, Targets
+from twin.targets import Noise, Targets
 
 
 def test_the_end_of_a_fit_along_a_response_is_solved_and_that_of_whole_solves(
@@ -30,11 +30,8 @@ def test_the_end_of_a_fit_along_a_response_is_solved_and_that_of_whole_solves(
     whole = KeptModel(base.test, (*base.effects, own), base.reference, parent=base)
     near = NearModel.of(whole, base, at, tangents, limit_mm=0.5 * sd)
 
-    def fit(model: Model, start: Array, tolerance: float) -> Judged:
-        return judge(model, t, starts=start, tolerance=tolerance)
-
     start = np.array([*at, 0.0])
-    found = fitted_near(near, t, fit, start)
+    found = fitted_near(near, t, start)
     wanted = judge(base.with_effect(own), t, starts=start)
     assert np.all(np.abs(found.theta - wanted.theta) < 0.1 * wanted.fit.sd)
     assert np.all(np.abs(found.fit.sd / wanted.fit.sd - 1) < 0.02)
