@@ -229,7 +229,8 @@ class _Task:
 
             w_k = -w_(k-1) r_(k-1) . (r_k - r_(k-1)) / |r_k - r_(k-1)|^2
         """
-        best, done, last, share = end, end.fit.evaluations, None, 1.0
+        best, done, share = end, end.fit.evaluations, 1.0
+        last: Array | None = None
         if not self.turns:
             return end
         for _ in range(self.turns):
@@ -243,7 +244,8 @@ class _Task:
             step = np.nan_to_num((fit.theta - end.fit.theta) / fit.sd)  # none at a bound
             if last is not None:
                 change = step - last
-                share = float(np.clip(-share * (last @ change) / max(change @ change, 1e-300), *SHARES))
+                foreseen = -share * float(last @ change) / max(float(change @ change), 1e-300)
+                share = float(np.clip(foreseen, *SHARES))
             last = step
             theta = np.clip(end.fit.theta + share * (fit.theta - end.fit.theta), *bounds(fit.parameters))
             end = self._at(replace(fit, theta=theta, evaluations=done))

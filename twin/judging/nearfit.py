@@ -4,8 +4,10 @@ Between its whole solves a response answers in milliseconds with an error that i
 needs few of them: those far from every other, and the one next to its end, with the derivatives there.
 """
 
+from dataclasses import replace
+
 from twin.judging.fitting import noise_of
-from twin.judging.judged import ENDS, SETTLED, Judged, judge, judge_fit
+from twin.judging.judged import ENDS, SETTLED, Judged, judge
 from twin.model.nearmodel import NearModel
 from twin.targets import Array, Targets
 
@@ -25,8 +27,10 @@ def fitted_near(
         judged = judge(model, targets, starts=judged.theta, seed=seed, law=law)
     for _ in range(ENDS):
         model.certify(judged.theta, derivatives=True)
-        end = judge_fit(model, targets, judged.fit, law=law)
+        end = judge(model, targets, starts=judged.theta, seed=seed, law=law, evaluations=1, turns=0)
         judged = judge(model, targets, starts=end.theta, seed=seed, law=law, tolerance=SETTLED)
         if judged.deviance >= end.deviance:
-            return end
+            last = judged.fit
+            fit = replace(end.fit, evaluations=last.evaluations, converged=last.converged, reason=last.reason)
+            return replace(end, fit=fit)
     return judged
