@@ -50,7 +50,7 @@ def of_targets(targets: Targets) -> Array:
     nearest; zero where the targets state none."""
     if targets.gravity is None:
         return np.zeros(3)
-    return G * targets.gravity[_block_of_log(targets)]
+    return G * targets.gravity[_block_of_log(targets)] * _acting(targets)[:, None]
 
 
 def pulls_of(targets: Targets, position: Callable[[int], Array]) -> tuple[Array, Array]:
@@ -67,7 +67,7 @@ def pulls_of(targets: Targets, position: Callable[[int], Array]) -> tuple[Array,
     force = np.zeros((int(targets.block[-1]) + 1, len(places), 3))
     for load, k in zip(targets.loads, which.reshape(-1), strict=True):
         force[load.block, k] += force_of(load, targets)
-    return places, force[_block_of_log(targets)]
+    return places, force[_block_of_log(targets)] * _acting(targets)[:, None, None]
 
 
 def shares_of(targets: Targets, case: Case) -> tuple[tuple[str, ...], Array]:
@@ -101,6 +101,15 @@ def force_of(load: Load, targets: Targets) -> Array:
             "in twin.toml"
         )
     return np.asarray(1e-6 * load.weight_g * G * targets.gravity[load.block])
+
+
+def _acting(targets: Targets) -> Array:
+    """1 at the times (t,) of the pressure log, 0 in the rest of a block that is released after it."""
+    out, block = np.ones(len(targets.log_time)), _block_of_log(targets)
+    for b in targets.released:
+        rest = targets.reference[targets.block[targets.reference] == b]
+        out[(block == b) & (targets.log_time <= targets.time[rest].max())] = 0.0
+    return out
 
 
 def _block_of_log(targets: Targets) -> Integers:

@@ -207,6 +207,7 @@ class Targets:
     pressure_sd: Array  # (s,) MPa, gauge noise of each step's pressure; 0 where not known
     noises: tuple[Noise, ...] = ()  # (blocks,) where each film has its own; `noise` is the least known then
     loads: tuple[Load, ...] = ()  # what hangs on the structure, by block
+    released: tuple[int, ...] = ()  # blocks in whose rest it is held unloaded: weight and loads act after it
     shares: Mapping[str, Array] = field(default_factory=dict)  # of the pressure, by surface: (blocks,)
     known: tuple[KnownValue, ...] = ()  # what is known of the parameters beside the film
     tails: float = 0.0  # degrees of freedom of Student's t, which the errors have; 0: they are normal
@@ -444,6 +445,11 @@ def _check(t: Targets) -> None:
         raise ValueError(
             f"targets: reference steps lie in blocks {resting.tolist()} of {int(t.block[-1]) + 1}; wanted "
             "them in one block, for all, or in every block, each for its own"
+        )
+    for b in set(t.released) - set(resting.tolist()):
+        raise ValueError(
+            f"targets: block {b} is released, but has no rest; wanted reference steps of its "
+            "own, or released = false"
         )
     if t.noises and (len(t.noises) != int(t.block[-1]) + 1 or t.noise is None):
         raise ValueError(f"targets: {len(t.noises)} noise models; wanted one for each block, or one for all")

@@ -1,14 +1,15 @@
 """Gravity over a recording: its course from the targets' blocks, and what it asks of a model."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fe import Case, Path
 from fe.mesh.mirror import symmetry_support
-from twin.gravity import G, density, is_heavy, of_targets, pulls_across, under, ways
-from twin.targets import Array, Targets
+from twin.gravity import G, density, is_heavy, of_targets, pulls_across, pulls_of, under, ways
+from twin.targets import Array, Load, Targets
 
 DOWN, UP, ACROSS = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
 SILICONE = 1.07e-9  # tonne/mm3
@@ -26,6 +27,22 @@ def test_gravity_turns_half_way_between_two_blocks(make_targets: Callable[..., T
     np.testing.assert_array_equal(course[t.log_time < 4.74], G * np.tile(DOWN, (int((t.log_time < 4.74).sum()), 1)))
     np.testing.assert_array_equal(course[t.log_time > 4.76][:, 2], G)
     np.testing.assert_array_equal(of_targets(make_targets()), np.zeros(3))
+
+
+def test_a_block_that_is_released_has_no_weight_and_no_load_in_its_rest(make_targets: Callable[..., Targets]) -> None:
+    block = np.array([0, 0, 0, 0, 0, 1, 1, 1])
+    t = make_targets(gravity=np.stack([DOWN, DOWN]), block=block, reference=np.array([0, 5, 6]),
+                     loads=(Load(0, (50.0, 0.0, 8.0), 20.0), Load(1, (50.0, 0.0, 8.0), 20.0)))  # fmt: skip
+    free = replace(t, released=(1,))
+    held = (t.log_time > 4.75) & (t.log_time <= t.time[6])
+    assert held.any()
+    np.testing.assert_array_equal(of_targets(free)[held], 0.0)
+    np.testing.assert_array_equal(of_targets(free)[~held], of_targets(t)[~held])
+    _, pulls = pulls_of(free, lambda label: np.zeros(3))
+    np.testing.assert_array_equal(pulls[held], 0.0)
+    np.testing.assert_allclose(pulls[~held][:, 0, 2], -2e-5 * G)
+    with pytest.raises(ValueError, match="block 1 is released, but has no rest; wanted reference steps of its"):
+        replace(make_targets(block=block), released=(1,))
 
 
 def test_the_ways_of_gravity_are_those_that_a_heavy_case_feels(short_case: Case) -> None:

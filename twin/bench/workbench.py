@@ -12,7 +12,7 @@ from twin.bench.priors import TAILS, known_values
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
 from twin.calibrated.caches import Store
-from twin.calibrated.positions import PlacedPoint, fault_of, on_structure, placed, seen_at_rest
+from twin.calibrated.positions import PlacedPoint, fault_of, on_both_sides, on_structure, placed, seen_at_rest
 from twin.calibrated.problem import BEYOND, CalibrationProblem, Carried
 from twin.coupons.pulltest import pull_tests
 from twin.effects.material import Elasticity
@@ -179,7 +179,8 @@ def _opened(body: Body, refine: int, sds: tuple[tuple[str, float], ...]) -> Open
 def structure_of(project: Project) -> Structure:
     """The structure of a project's model, with its stated density and rigid object. ValueError where its deck
     or object is missing or wrong."""
-    table, structure = project.config.model, _unweighed(project)
+    table = project.config.model
+    structure = on_both_sides(_unweighed(project), project.config.points, mirrored=one_side(project))
     structure = closed(structure) if table.self_contact else structure
     if table.density_kg_m3 is not None:
         structure = weighed(structure, density(table.density_kg_m3))

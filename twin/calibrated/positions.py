@@ -11,8 +11,8 @@ from fe.mesh.points import nearest, nearest_on_faces
 from twin.calibrated.problem import CalibrationProblem
 from twin.gravity import is_heavy
 from twin.marktables import PointTable
-from twin.model.structure import Structure
-from twin.sanity import motion_fault, on_model_side, place_fault, rise_fault
+from twin.model.structure import Structure, whole
+from twin.sanity import ON_PLANE_MM, motion_fault, on_model_side, place_fault, rise_fault
 from twin.targets import Array, PointKind, TargetPoint, Targets, as_position
 
 OFF_MODEL_MM = 0.5
@@ -58,6 +58,15 @@ class PlacedPoint:
             f"Point {self.name}: the film is measured at its position_mm. The model takes the nearest place "
             f"on its surface, {_shown(self.nearest)} mm, {self.away:.2f} mm away."
         )
+
+
+def on_both_sides(
+    structure: Structure, points: Iterable[PointTable], *, mirrored: bool
+) -> Structure:
+    """The structure, of both halves where a point lies at y < 0 and only a half is meshed. mirrored: see
+    `placed`; then a half has every place."""
+    stated = [p.position_mm for p in points if p.position_mm is not None]
+    return structure if mirrored or all(y >= -ON_PLANE_MM for _, y, _ in stated) else whole(structure)
 
 
 def placed(

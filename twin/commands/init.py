@@ -369,7 +369,7 @@ def _check_points(config: Config, deck: "Deck | None", shape: BodyTable | None, 
     """Say where points lie that are stated in mm. ValueError where one is at a node that is not there or not
     on the surface, or far from it. Dimensions of the built-in finger that are not stated may still change."""
     from twin.bodies.finger import BuiltIn
-    from twin.calibrated.positions import check_points, placed
+    from twin.calibrated.positions import check_points, on_both_sides, placed
     from twin.model.structure import Structure, body_case, skin
 
     nodes, mirrored = {point.node for point in config.points} - {None}, len(config.cameras) == 1
@@ -378,9 +378,10 @@ def _check_points(config: Config, deck: "Deck | None", shape: BodyTable | None, 
     elif shape or nodes - set(NAMED_NODES.values()):  # those are there: no mesh need be made for them
         body = shape.body if shape else BuiltIn()
         case = body_case(body, body.lattice)
-        structure = Structure(case, "", {}, case.face_nodes("outside"))
+        structure = Structure(case, "", {}, case.face_nodes("outside"), body=body)
     else:
         return
+    structure = on_both_sides(structure, config.points, mirrored=mirrored)
     if deck is not None or shape:
         for place in placed(config.points, structure, mirrored=mirrored).values():
             if shape:  # of a deck they are said with what else there is to say of it

@@ -82,8 +82,12 @@ def diagnose(
     base = task.base(start)
     rows = task.searched(base)
     decision = decided(base, rows)
-    diagnosis = _kept(concluded(decision, base, rows), base, task)
-    if _misses_more(diagnosis):  # law errors in proportion to a huge effect forgive what it does wrong
+    try:
+        diagnosis = _kept(concluded(decision, base, rows), base, task)
+        wrong = _misses_more(diagnosis)  # law errors forgive what a huge effect does wrong
+    except Unsolvable:
+        wrong = True  # its refit lies where the model has no equilibrium, or no such rubber is stable
+    if wrong:
         diagnosis = _kept(concluded(replace(decision, unknown=True), base, rows), base, task)
     signatures = task.signatures(base, [*task.laws(wide=False), *task.generic])
     untried = [*task.silent, *(h for h in rows if h.note == LATE)]

@@ -74,7 +74,12 @@ class ImportTable(TableModel):
     top_kPa: NotNegative | None = Field(
         default=None,
         description="of a step whose top pressure alone is known: that pressure, kPa, in place of a log; 0 "
-        "of a body that moves by a weight",
+        "of a body that is released",
+    )
+    released: bool = Field(
+        default=False,
+        description="true: in its rest a hand holds the body in its unloaded shape; weight and loads act "
+        "after that",
     )
     top_sd_kPa: NotNegative | None = Field(
         default=None, description="sd of that pressure in the hold, kPa; left out: 2 % of it"

@@ -52,7 +52,9 @@ def import_targets(project: Project, say: Say) -> tuple[Targets, tuple[SourceFil
     loads = [
         Load(block[t.name], load.at, load.weight_g, load.force_N) for t in tables for load in t.loads
     ]
-    together = replace(together, loads=tuple(sorted(loads, key=lambda load: load.block)))
+    released = tuple(sorted(block[t.name] for t in tables if t.released))
+    by_block = tuple(sorted(loads, key=lambda load: load.block))
+    together = replace(together, loads=by_block, released=released)
     check_plausible(project, together, structure_of(project).case)
     return together, tuple(rows) if len(tables) > 1 else ()
 

@@ -242,7 +242,11 @@ def smooth_functions(targets: Targets, w: Whitener, shapes: Array | None = None)
 
 
 def slow_shapes(targets: Targets) -> Array:
-    """Courses (k, s) that missing physics may take: powers of pressure, its memory, and branches."""
+    """Courses (k, s) that missing physics may take: powers of pressure, its memory, and branches; powers of
+    time where no pressure moves the body."""
+    if not np.ptp(targets.pressure):
+        t = (targets.time - targets.time[0]) / max(float(np.ptp(targets.time)), 1e-12)
+        return np.array([t, t**2, t**3])
     x = targets.pressure / max(float(np.abs(targets.pressure).max()), 1e-12)
     branch = branches(targets.time, targets.pressure, targets.log_time, targets.log_pressure)
     since = np.interp(targets.time, targets.log_time, memory(targets.log_time, targets.log_pressure))
@@ -269,7 +273,7 @@ def residual_maps(targets: Targets, w: Whitener, cleaned: Array) -> dict[str, tu
             f"{edges[k] * 1e3:.1f} to {edges[k + 1] * 1e3:.1f} kPa": np.broadcast_to(
                 (band == k)[:, None], cleaned.shape
             )
-            for k in range(4)
+            for k in range(4 if np.ptp(targets.pressure) else 0)
         },
         "branch": {BRANCHES[k]: np.broadcast_to((branch == k)[:, None], cleaned.shape) for k in range(4)},
     }
@@ -382,11 +386,13 @@ def _where(comparison: Comparison) -> str:
         return f"The model agrees with the measurement within the noise. {told}{excessive}"
     if noise.startswith(MISSTATED):
         return f"The model does not fit. {told}{excessive}"
-    worst = {kind: max(rows, key=_beyond_noise) for kind, rows in comparison.maps.items()}
+    worst = {kind: max(rows, key=_beyond_noise) for kind, rows in comparison.maps.items() if rows}
     marker = worst["marker"]
+    places = [f"in {worst['direction'].name}"]
+    places += [f"at {worst['pressure'].name}"] if "pressure" in worst else []
+    places += [WHILE[worst["branch"].name]] if "branch" in worst else []
     return (
         f"The model does not fit. {told} It fails most at marker "
-        f"{marker.name} ({marker.rms_mm:.3f} mm, {marker.ratio:.1f} times its noise), in "
-        f"{worst['direction'].name}, at {worst['pressure'].name}, "
-        f"{WHILE[worst['branch'].name]}.{excessive}"
+        f"{marker.name} ({marker.rms_mm:.3f} mm, {marker.ratio:.1f} times its noise), "
+        f"{', '.join(places)}.{excessive}"
     )

@@ -18,6 +18,7 @@ from fe.deck.soundness import check_body, jacobians
 from fe.element import Integers
 from fe.kernel.tying import dependence
 from fe.mesh.inner import closing
+from fe.mesh.mirror import mirrored, symmetry_support
 from fe.mesh.refine import enriched, free_faces, refined
 from twin.bodies.body import Body
 from twin.bodies.finger import BuiltIn
@@ -96,6 +97,15 @@ def weighed(structure: Structure, density: float) -> Structure:
 def closed(structure: Structure) -> Structure:
     """The structure whose walls cannot pass through each other."""
     return _changed(structure, "closed", closing)
+
+
+def whole(structure: Structure) -> Structure:
+    """The structure of both halves, where that of a symmetric body is one of them; else as it is."""
+    if symmetry_support(structure.case) is None:
+        return structure
+    both = _changed(structure, "whole", mirrored)
+    own = skin(both.case) if structure.body is None else both.case.face_nodes("outside")
+    return replace(both, outside=own)
 
 
 def _changed(structure: Structure, name: str, change: Callable[[Case], Case]) -> Structure:

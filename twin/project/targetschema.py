@@ -89,6 +89,9 @@ class TargetBlock(TableModel):
     )
 
     loads: tuple[LoadTable, ...] = Field(default=(), description="what hangs on the finger in this block")
+    released: bool = Field(
+        default=False, description="true: held unloaded at its reference steps; weight and loads act after"
+    )
     pressure_shares: Shares = Field(
         default_factory=dict,
         description="of a deck with several chambers: what of the pressure each surface carries in this "
@@ -213,6 +216,7 @@ def tables_for(t: Targets) -> TargetsTable:
             "gravity": None if t.gravity is None else tuple(t.gravity[b].tolist()),
             "pressure_shares": {name: float(shares[b]) for name, shares in t.shares.items()},
             "loads": tuple(_load_table(load) for load in t.loads if load.block == b),
+            "released": b in t.released or None,
             "reference_steps": tuple(step[reference_block == b].tolist()) if each else (),
             "noise": _noise_table(t.noises[b], t.names) if t.noises else None,
         }
@@ -309,7 +313,7 @@ def _point(path: Path, row: TargetMark, project_node: int | None) -> TargetPoint
 
 
 def _block_fields(path: Path, about: TargetsTable, steps: Blocks, labels: list[int]) -> dict[str, Any]:
-    """Mask held_out (s,), gravity (blocks, 3) or None, and shares of the pressure."""
+    """Mask held_out (s,), gravity (blocks, 3) or None, shares of the pressure, and what is released."""
     rows = {row.block: row for row in about.blocks}
     if len(rows) < len(about.blocks):
         raise ValueError(f"{path}: a block stands twice in [[blocks]]; keep one of the two")
@@ -326,7 +330,10 @@ def _block_fields(path: Path, about: TargetsTable, steps: Blocks, labels: list[i
             f"{path}: gravity is stated for {len(gravity)} of {len(labels)} blocks; state all or none"
         )
     held_out = np.array([b in rows and rows[b].held_out for b, _ in steps])
-    return {"held_out": held_out, "gravity": np.array(gravity) if gravity else None, "shares": shares}
+    return {
+        "held_out": held_out, "gravity": np.array(gravity) if gravity else None, "shares": shares,
+        "released": tuple(k for k, row in enumerate(every) if row.released),
+    }  # fmt: skip
 
 
 def shares_by_surface(recordings: Mapping[str, Mapping[str, float]]) -> dict[str, NDArray[np.float64]]:

@@ -93,6 +93,17 @@ def test_a_last_step_that_cannot_be_solved_leaves_the_refit(monkeypatch: pytest.
     assert found.kept.fit.theta == pytest.approx(starts[1], abs=0.01)
 
 
+def test_an_effect_whose_fit_can_be_carried_nowhere_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a real beam with a C01 at the edge of what is stable, the diagnosis ended in an internal error."""
+
+    def judge(*args: Any, **options: Any) -> Judged:
+        raise Unsolvable("the model cannot be solved at the start")
+
+    monkeypatch.setattr(procedure, "judge", judge)
+    found = diagnosed(0.2 * FIELDS["alpha"][0])
+    assert (found.verdict, found.named, found.nearest) == ("none of these", (), ("alpha",))
+
+
 def test_an_effect_with_which_the_model_misses_more_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a real arm stiffening was named, with which the model missed by 5.7 mm, without it by 2.5."""
     hidden = 0.2 * FIELDS["alpha"][0]

@@ -274,3 +274,15 @@ def test_branches_follow_the_pressure() -> None:
     at = {1.0: "rest", 3.0: "up", 8.0: "hold", 15.0: "hold", 23.0: "down", 30.0: "rest", 36.0: "hold", 40.0: "rest"}
     for time, name in at.items():
         assert BRANCHES[branch[np.argmin(np.abs(course.output - time))]] == name, time
+
+
+def test_weights_without_pressure_are_compared_without_a_place_in_pressure(course: Path) -> None:
+    """Of a real beam that a weight bends, a comparison broke with `max() arg is an empty sequence`."""
+    t = draw(course, 3, misfit=np.linspace(0.0, 2.0, len(course.output))[:, None, None] * np.ones((3, 3)))
+    t = replace(t, pressure=0 * t.pressure, log_pressure=0 * t.log_pressure)
+    w = whitener(t, prediction_modes=np.zeros((0, *t.value.shape)), gauge=np.zeros_like(t.value))
+    found = compare(t, np.zeros_like(t.value), w, jacobian=np.zeros((0, *t.value.shape)))
+    assert not found.adequate
+    assert found.maps["pressure"] == ()
+    assert "It fails most at marker" in found.where
+    assert "kPa" not in found.where

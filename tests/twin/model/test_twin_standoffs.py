@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin.bodies.kinds import BODIES
-from twin.calibrated.positions import placed
+from twin.calibrated.positions import on_both_sides, placed
 from twin.marktables import PointTable
 from twin.model.firstorder import MarkerPoints, swung
 from twin.model.keptmodel import base_model
@@ -50,6 +50,24 @@ def test_a_marker_off_the_surface_is_where_a_stalk_on_it_would_hold_it() -> None
     np.testing.assert_allclose(u, foot + stalk, atol=1e-6)
     strained = HIGH * (at(FOOT) - at(FOOT - 0.1 * AXIS)) / 0.1
     assert np.abs(strained - stalk).max() > 0.05  # the wall beneath becomes thinner, a stalk not shorter
+
+
+def test_markers_on_both_sides_of_a_symmetric_body_are_mirror_images() -> None:
+    stated = [PointTable(name=n, position_mm=(30.0, y, 8.0), standoff_mm=6.0) for n, y in (("a", 14.0), ("b", -14.0))]
+    assert on_both_sides(STRUCTURE, stated[:1], mirrored=False) is STRUCTURE
+    assert on_both_sides(STRUCTURE, stated, mirrored=True) is STRUCTURE  # a single camera: seen as its image
+    both = on_both_sides(STRUCTURE, stated, mirrored=False)
+    places = placed(stated, both, mirrored=False)
+    np.testing.assert_allclose(places["b"].nearest, [30.0, -8.0, 8.0], atol=1e-3)
+    assert both.outside.max() < len(both.case.nodes) == both.base.build().nodes.shape[0] > len(CASE.nodes)
+    points = [TargetPoint(n, PointKind.PLACE, None, as_position(p.nearest), off=as_position(p.off)) for n, p in places.items()]
+    seen = []
+    for point in points:
+        model = base_model(replace(targets(HIGH * AXIS), points=(point,)), both.case)
+        seen.append(model.predict(model.theta(CONSTANTS))[:, 0])
+    np.testing.assert_allclose(seen[1], seen[0] * (1.0, -1.0, 1.0), atol=1e-6)
+    half = base_model(targets(HIGH * AXIS), CASE)
+    np.testing.assert_allclose(seen[0], half.predict(half.theta(CONSTANTS))[:, 0], atol=1e-6)
 
 
 def test_its_derivatives_are_those_of_predictions() -> None:

@@ -85,10 +85,10 @@ def broken(folder, old, new):
 
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"noise": None, "gravity": None}, {"modes": np.zeros((0, 12, 3, 3)), "mode_names": ()},
+    [{}, {"reference": np.array([0, 6]), "released": (1,)}, {"noise": None, "gravity": None}, {"modes": np.zeros((0, 12, 3, 3)), "mode_names": ()},
      {"points": (at_node("tip", 4401), at_node("a.1", 3), TargetPoint("F0", PointKind.FIXED))},
      {"points": (TargetPoint("tip", PointKind.UNKNOWN), *make_points()[1:])}],
-    ids=["all", "no noise", "no modes", "no positions", "no node"],
+    ids=["all", "released", "no noise", "no modes", "no positions", "no node"],
 )  # fmt: skip
 def test_round_trip_is_bit_equal(tmp_path, changes):
     targets = dataclasses.replace(make(), **changes)
