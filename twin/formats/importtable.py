@@ -78,8 +78,7 @@ class ImportTable(TableModel):
     )
     released: bool = Field(
         default=False,
-        description="true: in its rest a hand holds the body in its unloaded shape; weight and loads act "
-        "after that",
+        description="true: a hand holds the body unloaded in its rest; weight and loads act after that",
     )
     top_sd_kPa: NotNegative | None = Field(
         default=None, description="sd of that pressure in the hold, kPa; left out: 2 % of it"
