@@ -136,8 +136,9 @@ def predicted(
     out = []
     for course, rows, added in zip(courses, steps, came, strict=True):
         pressure = np.interp(course.output, course.time, course.pressure)
-        # what hangs on it has pulled the rest before it already
-        before = [rows.start - 1] if course.loads is None else targets.reference.tolist()
+        # what hangs on it has pulled the rest before it already, unless it is released there
+        own = course.loads is None or extended.rests.any()
+        before = [rows.start - 1] if own else targets.reference.tolist()
         shape = _shape(solution.fields, rows, before)[:, :node_count]
         out.append(Prediction(
             time=course.output,
@@ -263,6 +264,7 @@ def after(
         pressure_sd=longer(targets.pressure_sd, 0.0),
         gravity=gravity, shares=shares,
         noises=(*targets.noises, *targets.noises[:1] * n),
+        released=(*targets.released, *(range(last + 1, last + 1 + n) if 0 in targets.released else ())),
         loads=(*targets.loads, *(replace(load, block=last + 1 + k) for k in range(n) for load in hung[k])),
     )  # fmt: skip
 

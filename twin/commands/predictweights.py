@@ -20,7 +20,7 @@ def loads_of_words(targets: Targets, texts: Sequence[str]) -> tuple[Load, ...] |
             f"--weight {texts[0]}: the targets have no direction of gravity; wanted gravity under [model] of "
             "twin.toml, and density_kg_m3, so that the finger has its own weight, too"
         )
-    if targets.rests.any():
+    if targets.rests.any() and 0 not in targets.released:
         raise ValueError(
             f"--weight {texts[0]}: every block of the targets is relative to its own rest, to which a weight "
             "has pulled the finger already; wanted one [reference] for all in targets.toml"

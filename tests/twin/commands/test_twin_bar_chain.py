@@ -16,7 +16,7 @@ from fe.mesh.points import nearest
 from tests.messages import Lines
 from tests.twin.conftest import plain_targets
 from twin.bodies.bar import BarTable
-from twin.calibrated.predictions import WantedCourse
+from twin.calibrated.predictions import WantedCourse, after
 from twin.commands.calibrate import run_calibrate
 from twin.commands.compare import run_compare
 from twin.commands.init import run_init
@@ -81,6 +81,21 @@ def test_a_weight_is_asked_for_by_its_place_and_grams() -> None:
         loads_of_words(replace(t, gravity=None), ("tip=7",))
     with pytest.raises(ValueError, match="relative to its own rest"):
         loads_of_words(replace(t, reference=np.array([0, 4, 8])), ("tip=7",))
+
+
+def test_a_weight_is_foretold_from_the_rest_in_which_a_hand_holds_the_bar_unloaded() -> None:
+    shape = measured_shape()
+    t = replace(shape, reference=np.array([0, 4, 8]), released=(0, 1, 2))
+    assert loads_of_words(t, ("60,0,6=10",)) == (Load(0, (60.0, 0.0, 6.0), weight_g=10.0),)
+    course = WantedCourse.held(0.0, ramp_s=1.0, hold_s=1.0, loads=(Load(0, (60.0, 0.0, 6.0), weight_g=10.0),))
+    wanted, theta = after(t, [course], {}), [TRUTH]
+    assert wanted.released == (0, 1, 2, 3)
+    assert after(shape, [course], {}).released == ()
+    u = base_model(wanted, truth(), elasticity=Elasticity(LAWS["neo-hooke"])).predict(np.array(theta))
+    np.testing.assert_allclose(u[12], 0.0, atol=1e-9)
+    np.testing.assert_allclose(u[-1], u[11], atol=1e-4)  # as the block of 10 g
+    assert u[-1, 0, 2] < 1.2 * base_model(shape, truth(), elasticity=Elasticity(LAWS["neo-hooke"])).predict(
+        np.array(theta))[11, 0, 2]  # its own weight acts, too  # fmt: skip
 
 
 @pytest.mark.parametrize(("grams", "told"), [(10.0, []), (12.0, ["12 g hang on it, and more than the 10 g in the test"])])
