@@ -70,6 +70,22 @@ def pulls_of(targets: Targets, position: Callable[[int], Array]) -> tuple[Array,
     return places, force[_block_of_log(targets)] * _acting(targets)[:, None, None]
 
 
+def unmoved(targets: Targets, case: Case) -> str:
+    """Fault of targets over which nothing changes that moves a case: pressure, weight, loads; "" without
+    one. ValueError as `pulls_of`."""
+    if case.forces or case.growing or any(s.value is not None for s in case.supports):
+        return ""
+    weight = of_targets(targets) if is_heavy(case) else np.zeros(3)
+    courses = (targets.log_pressure, np.atleast_2d(weight), pulls_of(targets, case.position)[1])
+    if any(len(course) and np.ptp(course, axis=0).any() for course in courses):
+        return ""
+    return (
+        f"nothing moves the body: its pressure is {1e3 * targets.log_pressure[0]:.3g} kPa in all steps, its "
+        "weight and its loads are in all the same; wanted a pressure that changes, loads that differ between "
+        "blocks, or density_kg_m3 or loads with released = true"
+    )
+
+
 def shares_of(targets: Targets, case: Case) -> tuple[tuple[str, ...], Array]:
     """The surfaces (c,) that the targets state shares of the pressure of, and these (t, c) at the times of
     the pressure log. ValueError for a surface that the case does not put under pressure."""

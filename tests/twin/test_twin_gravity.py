@@ -8,7 +8,7 @@ import pytest
 
 from fe import Case, Path
 from fe.mesh.mirror import symmetry_support
-from twin.gravity import G, density, is_heavy, of_targets, pulls_across, pulls_of, under, ways
+from twin.gravity import G, density, is_heavy, of_targets, pulls_across, pulls_of, under, unmoved, ways
 from twin.targets import Array, Load, Targets
 
 DOWN, UP, ACROSS = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
@@ -43,6 +43,23 @@ def test_a_block_that_is_released_has_no_weight_and_no_load_in_its_rest(make_tar
     np.testing.assert_allclose(pulls[~held][:, 0, 2], -2e-5 * G)
     with pytest.raises(ValueError, match="block 1 is released, but has no rest; wanted reference steps of its"):
         replace(make_targets(block=block), released=(1,))
+
+
+def test_targets_that_nothing_moves_are_told(make_targets: Callable[..., Targets], short_case: Case) -> None:
+    block, heavy = np.array([0, 0, 0, 0, 0, 1, 1, 1]), short_case.with_material(density=SILICONE)
+    t = make_targets(gravity=np.stack([DOWN, DOWN]), block=block, reference=np.array([0, 5]))
+    assert unmoved(t, short_case) == ""
+    still = replace(t, pressure=0 * t.pressure, log_pressure=0 * t.log_pressure)
+    assert unmoved(still, heavy).startswith("nothing moves the body: its pressure is 0 kPa in all steps")
+    free = replace(still, released=(0, 1))
+    assert unmoved(free, heavy) == ""
+    assert unmoved(free, short_case)  # it has no weight
+    hung = (Load(0, (50.0, 0.0, 8.0), 20.0), Load(1, (50.0, 0.0, 8.0), 20.0))
+    assert unmoved(replace(still, loads=hung), short_case)
+    assert unmoved(replace(still, loads=hung[:1]), short_case) == ""
+    assert unmoved(replace(free, loads=hung), short_case) == ""
+    turned = replace(still, gravity=np.stack([DOWN, UP]))
+    assert (unmoved(turned, heavy), bool(unmoved(turned, short_case))) == ("", True)
 
 
 def test_the_ways_of_gravity_are_those_that_a_heavy_case_feels(short_case: Case) -> None:

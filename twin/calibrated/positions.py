@@ -9,7 +9,7 @@ import numpy as np
 from fe import Case
 from fe.mesh.points import nearest, nearest_on_faces
 from twin.calibrated.problem import CalibrationProblem
-from twin.gravity import is_heavy
+from twin.gravity import is_heavy, unmoved
 from twin.marktables import PointTable
 from twin.model.structure import Structure, whole
 from twin.sanity import ON_PLANE_MM, motion_fault, on_model_side, place_fault, rise_fault
@@ -201,7 +201,7 @@ def on_structure(
         if point.node is not None:
             case.position(point.node)  # names what is wrong with an unknown node
     targets, remarks = on_model(targets, case)
-    fault = fault_of(targets, case, bends_down=bends_down, mirrored=mirrored)
+    fault = fault_of(targets, case, bends_down=bends_down, mirrored=mirrored) or unmoved(targets, case)
     if fault := fault or (rise_fault(targets) if case.pressurised else ""):
         raise ValueError(f"{name}: {fault}")
     return targets, remarks
