@@ -71,18 +71,20 @@ def pulls_of(targets: Targets, position: Callable[[int], Array]) -> tuple[Array,
 
 
 def unmoved(targets: Targets, case: Case) -> str:
-    """Fault of targets over which nothing changes that moves a case: pressure, weight, loads; "" without
-    one. ValueError as `pulls_of`."""
+    """Fault of targets in which nothing that moves a case differs from the rest they are relative to:
+    pressure, weight, loads; "" without one. ValueError as `pulls_of`."""
     if case.forces or case.growing or any(s.value is not None for s in case.supports):
         return ""
     weight = of_targets(targets) if is_heavy(case) else np.zeros(3)
-    courses = (targets.log_pressure, np.atleast_2d(weight), pulls_of(targets, case.position)[1])
-    if any(len(course) and np.ptp(course, axis=0).any() for course in courses):
-        return ""
+    courses = targets.log_pressure, np.atleast_2d(weight), pulls_of(targets, case.position)[1]
+    rest = _block_of_log(targets) * bool(targets.rests.any())
+    for course in (x for x in courses if len(x) == len(rest)):
+        if any(np.ptp(course[rest == r], axis=0).any() for r in np.unique(rest)):
+            return ""
     return (
         f"nothing moves the body: its pressure is {1e3 * targets.log_pressure[0]:.3g} kPa in all steps, its "
-        "weight and its loads are in all the same; wanted a pressure that changes, loads that differ between "
-        "blocks, or density_kg_m3 or loads with released = true"
+        "weight and its loads are those of its rest; wanted a pressure that changes, one [reference] for "
+        "blocks of other loads, or density_kg_m3 or loads with released = true"
     )
 
 

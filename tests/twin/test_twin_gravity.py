@@ -56,9 +56,10 @@ def test_targets_that_nothing_moves_are_told(make_targets: Callable[..., Targets
     assert unmoved(free, short_case)  # it has no weight
     hung = (Load(0, (50.0, 0.0, 8.0), 20.0), Load(1, (50.0, 0.0, 8.0), 20.0))
     assert unmoved(replace(still, loads=hung), short_case)
-    assert unmoved(replace(still, loads=hung[:1]), short_case) == ""
+    assert unmoved(replace(still, loads=hung[:1]), short_case)  # each block is relative to its own rest
+    assert unmoved(replace(still, loads=hung[:1], reference=np.array([0])), short_case) == ""
     assert unmoved(replace(free, loads=hung), short_case) == ""
-    turned = replace(still, gravity=np.stack([DOWN, UP]))
+    turned = replace(still, gravity=np.stack([DOWN, UP]), reference=np.array([0]))
     assert (unmoved(turned, heavy), bool(unmoved(turned, short_case))) == ("", True)
 
 

@@ -71,11 +71,6 @@ def _check_step(recorded: Recorded, table: ImportTable) -> None:
             raise ValueError(f"import.top_sd_kPa = {table.top_sd_kPa:g} without top_kPa: state both, or none")
         return
     text = f"import.top_kPa = {table.top_kPa:g}"
-    if not table.top_kPa and not table.released:
-        raise ValueError(
-            f"{text}: no pressure moves the body, and its weight and loads are there in its rest, too; state "
-            "released = true where a hand holds it unloaded in its rest"
-        )
     if table.log is not None or recorded.pressure is not None:
         other = "log" if table.log is not None else "the file's own pressure"
         raise ValueError(f"{text} beside {other}: both say what the pressure is; leave top_kPa out")

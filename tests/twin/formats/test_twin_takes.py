@@ -197,8 +197,7 @@ def test_a_step_known_by_its_top_has_an_sd_of_its_pressure(tmp_path: Path) -> No
 
 def test_a_body_that_a_weight_moves_has_no_pressure(tmp_path: Path) -> None:
     found = read_recorded(recordings(tmp_path / "runs") / "run - 1.csv", "csv")
-    table = ImportTable(file="a.csv", format="csv", sd_mm=0.01, first_step=5, top_kPa=0.0, base=("b 1", "b 2", "b 3"),
-                        released=True)  # fmt: skip
+    table = ImportTable(file="a.csv", format="csv", sd_mm=0.01, first_step=5, top_kPa=0.0, base=("b 1", "b 2", "b 3"))
     t, told = targets_of(found, table, [PointTable(name="tip_1", position_mm=(44.0, 11.5, 0.0))])
     assert t.pressure.tolist() == t.pressure_error.tolist() == [0.0, 0.0]
     np.testing.assert_allclose(t.value[1, 0], [-1, 0, -10], atol=0.4)
