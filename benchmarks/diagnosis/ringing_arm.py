@@ -25,7 +25,7 @@ from twin.ringing.freevibration import Ringing, ringings
 
 HZ = 100.0
 SHOWN = (75, 100, 200, 300, 350, 400)  # mbar
-SOME = (next(iter(FITS)), list(FITS)[-1])  # constants alone, and all effects with the beam's constants
+SOME = (next(iter(FITS)), list(FITS)[-1])  # constants alone, and with all effects
 
 
 def measured(mbar: int) -> Ringing:

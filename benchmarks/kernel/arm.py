@@ -4,8 +4,9 @@
 
 Published: length, radius, outer wall, square bore and its wall, end cap. Not published, and assumed: ribs of
 2.3 mm between the chambers, a cap at the clamp like that at the tip, a bore that is open at both ends, square
-corners. The half y >= 0 is meshed; the upper chamber carries the pressure. The wall of the bore is the
-surface `strain_limiting_layer`, on which the effect of this name lies.
+corners. The half y >= 0 is meshed; the upper chamber carries the pressure. The sides of the bore's wall are
+the surface `strain_limiting_layer`, on which the effect of this name lies: near the axis, as hoses through
+the bore would, it keeps the arm from lengthening and little from bending.
 """
 
 import os
@@ -55,15 +56,16 @@ class Arm:
             placed=lambda p: np.column_stack([p[:, 0], self._placed(p[:, 1:])]),
         )  # fmt: skip
         case = _only_above(case)
-        case = replace(case, surfaces={**case.surfaces, "strain_limiting_layer": self._bore_wall(case)})
+        case = replace(case, surfaces={**case.surfaces, "strain_limiting_layer": self._sides_of_bore(case)})
         return self._in_frame(case, material) if self.framed else case
 
-    def _bore_wall(self, case: Case) -> Integers:
-        """The faces (f, 2) of the wall of the bore."""
+    def _sides_of_bore(self, case: Case) -> Integers:
+        """The faces (f, 2) of the bore's wall to the sides of the axis, between the ribs."""
         faces = case.surfaces["outside"]
         x = case.nodes[case.nodes_of_faces(faces)]
-        inside = np.hypot(x[..., 1], x[..., 2]).max(axis=1) < self.bore * np.sqrt(2) + 0.1
-        return np.asarray(faces[inside & (np.ptp(x[..., 0], axis=1) > 0)])
+        aside = (np.abs(x[..., 1] - self.bore) < 0.1 * self.bore).all(axis=1)
+        between_ribs = np.abs(x[..., 2]).max(axis=1) < self._edge * self.bore + 0.1
+        return np.asarray(faces[aside & between_ribs & (np.ptp(x[..., 0], axis=1) > 0)])
 
     def _in_frame(self, case: Case, material: Material) -> Case:
         """The case whose cap at the tip is as stiff as plastic is beside silicone."""

@@ -84,13 +84,14 @@ def test_a_tube_s_skin_is_what_its_fibres_lie_on_and_a_deck_may_name_its_own(sho
     assert effect("hoop_reinforcement").lacks(short_case) == ""
 
 
-def test_the_arm_has_a_sheet_on_its_bore_and_a_frame_of_its_own_material() -> None:
+def test_the_arm_has_a_sheet_beside_its_axis_and_a_frame_of_its_own_material() -> None:
     arm = Arm(cells=(2, 1, 1), framed=True)
     case = arm.case(SILICONE)
     sheet = case.surfaces["strain_limiting_layer"]
     x = case.nodes[case.nodes_of_faces(sheet)]
     assert np.ptp(x[..., 0]) == arm.length  # all along
-    np.testing.assert_allclose(np.abs(x[..., 1:]).max(axis=(0, 1)), arm.bore, rtol=1e-9)
+    np.testing.assert_allclose(x[..., 1], arm.bore, rtol=1e-9)
+    assert np.abs(x[..., 2]).max() < arm.bore  # between the ribs, near the height of the axis
     softer = case.with_material(C10=0.01)
     assert softer.materials["body"].C10 == 0.01
     assert softer.materials["frame"] == case.materials["frame"]
