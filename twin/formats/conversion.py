@@ -78,6 +78,7 @@ def targets_of(
         targets, told_of_step = _step(table, every, time, target_points, noise, scale_sd)
         remarks, keep = [*remarks, told_of_step], np.arange(len(position))
     targets = with_own_noise(targets)
+    targets = _held(targets, table.hold_sd_mm) if table.hold_sd_mm else targets
     told = [targets.noise.basis] if targets.noise and (not table.sd_mm or targets.noise is not noise) else []
     moved = every[:, [p for p, point in enumerate(target_points) if point.kind is not PointKind.FIXED]]
     across = across_doubt(moved, table.axes or recorded.axes)
@@ -150,6 +151,21 @@ def _step(
     told = f"Rest and mean of the last third are taken. What still moves there is an error, {moves:.2g} mm."
     known = f"Of the step the top pressure alone is known, {top:g} kPa with an sd of {sd:.2g} kPa."
     return targets, f"{known} {told}" if top else told
+
+
+def _held(targets: Targets, sd_mm: float) -> Targets:
+    """The targets of a body that a hand holds at rest, where a point may stand off by an sd in each
+    direction: that of the one that moves most in the end, of others as much less as they move less."""
+    moves = np.linalg.norm(np.nan_to_num(targets.value[-1]), axis=1)
+    sd = sd_mm * moves / moves.max(initial=1e-12)
+    after = np.setdiff1d(np.arange(len(targets.time)), targets.reference)
+    modes, names = np.zeros((len(sd), 3, *targets.value.shape)), list(targets.mode_names)
+    for p, point in enumerate(targets.names):
+        for i in range(3):
+            modes[p, i, after, p, i] = sd[p]
+            names.append(f"hold:{point}:{i + 1}")
+    held = np.where(targets.valid, modes, 0.0).reshape(-1, *targets.value.shape)
+    return replace(targets, modes=np.concatenate([targets.modes, held]), mode_names=tuple(names))
 
 
 def _identities(recorded: Recorded, position: Array, chosen: Sequence[int], time: Array) -> list[str]:

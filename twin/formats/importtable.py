@@ -80,6 +80,10 @@ class ImportTable(TableModel):
         default=False,
         description="true: a hand holds the body unloaded in its rest; weight and loads act after that",
     )
+    hold_sd_mm: NotNegative = Field(
+        default=0.0,
+        description="sd of a point in that hand in each direction, mm, where it moves most; with released",
+    )
     top_sd_kPa: NotNegative | None = Field(
         default=None, description="sd of that pressure in the hold, kPa; left out: 2 % of it"
     )

@@ -50,6 +50,11 @@ def check_stated(recorded: Recorded, table: ImportTable, log: Path | None) -> No
         raise ValueError(
             f"import.mm_per_px = {table.mm_per_px:g}: the file is in {recorded.unit}; leave it out"
         )
+    if table.hold_sd_mm and not table.released:
+        raise ValueError(
+            f"import.hold_sd_mm = {table.hold_sd_mm:g} without released = true: where no hand holds the body "
+            "in its rest, leave it out"
+        )
     check_unit(recorded, table)
     _check_step(recorded, table)
 

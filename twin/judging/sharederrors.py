@@ -15,6 +15,8 @@ WORDS = {
     "placement": "the place of marker {} along {}",
     "node": "the material point of marker {} along {}",
     "reference": "the rest position of {} in U{}",
+    "hold": "marker {} in the hand in U{}",
+    "settling": "what still moves in the hold",
     "frame": "the places of the frame markers",
     "sync": "the clock of the film",
     "readout": "the time that the camera takes to read a picture",

@@ -203,3 +203,19 @@ def test_a_body_that_a_weight_moves_has_no_pressure(tmp_path: Path) -> None:
     np.testing.assert_allclose(t.value[1, 0], [-1, 0, -10], atol=0.4)
     assert NO_COURSE not in told
     assert not any("pressure" in line for line in told)
+
+
+def test_what_a_hand_holds_may_stand_off_as_far_as_each_point_moves(tmp_path: Path) -> None:
+    found = read_recorded(recordings(tmp_path / "runs") / "run - 1.csv", "csv")
+    table = ImportTable(file="a.csv", format="csv", sd_mm=0.01, first_step=5, top_kPa=0.0, base=("b 1", "b 2", "b 3"))
+    points = [PointTable(name="tip_1", position_mm=(44.0, 11.5, 0.0)), PointTable(name="b_3", position_mm=(0.0, 0.0, 0.0))]
+    table = table.model_copy(update={"base": ()})
+    with pytest.raises(ValueError, match=r"hold_sd_mm = 1.5 without released = true"):
+        targets_of(found, table.model_copy(update={"hold_sd_mm": 1.5}), points)
+    t, _ = targets_of(found, table.model_copy(update={"hold_sd_mm": 1.5, "released": True}), points)
+    held = [k for k, name in enumerate(t.mode_names) if name.startswith("hold:")]
+    share = np.linalg.norm(t.value[1], axis=1) / np.linalg.norm(t.value[1], axis=1).max()
+    sizes = t.modes[held][:, 1].reshape(2, 3, 6)
+    np.testing.assert_allclose(sizes.max(axis=2), 1.5 * np.repeat(share, 3).reshape(2, 3), atol=1e-12)
+    assert ((sizes != 0).sum(axis=2) == 1).all()  # each of its own point and direction
+    assert not t.modes[held][:, 0].any()  # at rest nothing is measured
