@@ -49,10 +49,11 @@ class Carried:
     fitted: float
     held_out: float
 
-    def below(self, reached: float) -> "Carried":
-        """Pressures that a solve reaches, which came to `reached` MPa; lower ones where it says nothing."""
+    def below(self, reached: float, *, failed: int = 1) -> "Carried":
+        """Pressures that a solve reaches, which came to `reached` MPa; lower ones where it says nothing, and
+        the lower the more fits have failed: the next one has other constants, and may carry less."""
         known = 0.0 < reached < max(self.fitted, self.held_out)
-        most = SOLVED * (reached if known else max(self.fitted, self.held_out))
+        most = SOLVED ** 2 ** (failed - 1) * (reached if known else max(self.fitted, self.held_out))
         return Carried(min(self.fitted, most), min(self.held_out, most))
 
 

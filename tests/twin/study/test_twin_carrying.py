@@ -110,6 +110,20 @@ def test_a_solve_that_comes_less_far_is_asked_for_less() -> None:
         as_far_as_it_carries(bench, lambda b: (_ for _ in ()).throw(Unsolvable("no stable rubber")))  # type: ignore[arg-type]
 
 
+def test_fits_that_each_stop_a_little_lower_are_asked_for_less_and_less() -> None:
+    asked = list[float]()
+
+    def fitted(bench: Bench) -> str:
+        asked.append(bench.targets.pressure.max())
+        if len(asked) < 6:  # near a limit point, which constants that fit better have lower
+            raise Unsolvable("limit point", reached=0.99 * asked[-1])
+        return "fitted"
+
+    assert as_far_as_it_carries(Bench(plain_targets(), None, Elasticity()), fitted) == "fitted"  # type: ignore[arg-type, type-var]
+    assert np.all(np.diff(asked) <= 0)
+    assert asked[-1] < 0.5 * asked[0]
+
+
 def test_steps_to_few_pressures_have_no_level_without_data(short_case: Case) -> None:
     on = on_paths(short_case, 1.5 * LIMIT * SCALE, further=0.8)
     t = on.bench.targets
