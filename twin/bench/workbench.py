@@ -104,6 +104,8 @@ def as_far_as_it_carries(bench: Workbench, fitted: Callable[[Workbench], Given])
             used = float(t.pressure[t.used.any(axis=(1, 2))].max())
             most = bench.carried or Carried(used, float(t.pressure.max()))
             bench = bench.carrying(most.below(error.reached, failed=failed))
+            if not bench.targets.used.any():
+                break
     raise ValueError(f"{why}; wanted constants, effects or a mesh that carry more of the test")
 
 

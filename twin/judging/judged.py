@@ -202,14 +202,14 @@ class _Task:
 
     def ended(self, starts: Array | Sequence[Array]) -> _End:
         """The settled end of the descent that comes lowest of those from starts (m, d) or (d,)."""
-        ends, why = [], ""
+        ends, failed = [], list[Unsolvable]()
         for start in np.atleast_2d(np.asarray(starts, float)):
             try:
                 ends.append(self.first(start))
             except Unsolvable as error:
-                why = str(error)
+                failed.append(error)
         if not ends:
-            raise Unsolvable(why)
+            raise max(failed, key=lambda error: error.reached)
         return self.settled(min(ends, key=lambda e: e.deviance))
 
     def first(self, start: Array) -> _End:

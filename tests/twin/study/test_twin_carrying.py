@@ -123,6 +123,12 @@ def test_fits_that_each_stop_a_little_lower_are_asked_for_less_and_less() -> Non
     assert np.all(np.diff(asked) <= 0)
     assert asked[-1] < 0.5 * asked[0]
 
+    def never(bench: Bench) -> str:
+        raise Unsolvable("limit point", reached=1e-4 * bench.targets.pressure.max())
+
+    with pytest.raises(ValueError, match="limit point; wanted constants"):  # not a fit of no data
+        as_far_as_it_carries(Bench(plain_targets(), None, Elasticity()), never)  # type: ignore[arg-type, type-var]
+
 
 def test_steps_to_few_pressures_have_no_level_without_data(short_case: Case) -> None:
     on = on_paths(short_case, 1.5 * LIMIT * SCALE, further=0.8)
