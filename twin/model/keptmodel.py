@@ -100,13 +100,15 @@ class KeptModel(Model):
             model, near = self.parent, self.parent._solves[-1] if self.parent._solves else None
         if near is None:
             return None
+        if near.jacobian is None:  # its directions, if any, are not those of the parameters
+            return near.solution
         values = self.named(theta)
         here = np.array([values.get(p.name, 0.0) for p in model.parameters])
         perturbs = [e.order == Order.COURSE for e in model.effects for _ in e.parameters]
         change = here - near.theta
         if any(perturbs):  # they move no curve, and have directions beside those of the parameters
-            more = len(near.solution.slopes) - len(change)  # a solve of values alone has no directions at all
-            change = np.append(np.where(perturbs, 0.0, change), np.zeros(max(more, 0)))
+            more = len(near.solution.slopes) - len(change)
+            change = np.append(np.where(perturbs, 0.0, change), np.zeros(more))
         return near.solution.ahead(change)
 
     def _nearest(self, theta: Array) -> Solved | None:

@@ -153,7 +153,11 @@ def test_what_comes_by_a_course_of_its_own_is_solved_after_a_solve_without_deriv
     (late, *_) = (e for e in stand_ins(pure.test) if e.order == Order.COURSE)
     model = remembering(pure).with_effect(late)
     assert isinstance(model, KeptModel)
-    here, there = (model.theta({**BASE, **{p.name: x for p in late.parameters}}) for x in (0.01, 0.02))
+    softer = {name: 0.98 * value for name, value in BASE.items()}
+    here, there = (
+        model.theta({**constants, **{p.name: x for p in late.parameters}})
+        for constants, x in ((BASE, 0.01), (softer, 0.02))
+    )
     model.values(here)
     after = model.solved(there, derivatives=True)
     np.testing.assert_allclose(after.u, model.drawn(there).u, rtol=0, atol=SAME)
