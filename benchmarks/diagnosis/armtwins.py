@@ -7,8 +7,8 @@ The truth is the section of `benchmarks/kernel/arm.py` in 20-node hexahedra on a
 arms with a third term (C20) that the law of the model has not. The regulator lags: the pressure is below the
 nominal one by a share of exp(-1.25 s / tau), tau 0.1 to 0.4 s. The noise is that of the real record, 0.15 mm.
 Hidden by kind: `fibres` of 0.5 to 2 N/mm, wound at 3 degrees; `limit`, the same, fitted up to 300 mbar from
-constants that do not carry them; `stiffening`, a C20 of a tenth of C10 + C01; `wall_taper`, walls 0.8 mm
-thicker or thinner at the tip; `nothing`.
+the beam's constants, near their limit point; `stiffening`, a C20 of a tenth of C10 + C01; `wall_taper`, by
+0.8 mm in all; `nothing`.
 
 Fitted are three pressures, the highest 200 mbar, held out two between them and one beyond. Constants alone
 are fitted, then `twin.diagnosis` is asked what they lack. --markers: `tip`, two on the end cap as the real
