@@ -28,6 +28,7 @@ DOUBT = 5e-3  # of an evidence, by which it may err then: of the demo 38, 28 and
 MORE = 4  # times a refit of two solves is carried on, where it would gain more
 VAIN = 2  # steps of one to where there is no equilibrium, after which the derivatives say the rest
 NEARER = (1.0, 0.5, 0.25, 0.125, 0.0625)  # of the sizes that the first order says
+UNSOLVED = 0.25  # of its fall of deviance that a refit's next step promises: with more, what is solved counts
 IN_VAIN = "beside it the model misses more than without it"
 
 
@@ -89,6 +90,9 @@ def refitted(
             at_levels = levels(judged, targets)
     except Unsolvable as error:
         return replace(h, note=str(error)), None
+    promised = base.deviance - at_levels[0].deviance
+    if judged.deviance - at_levels[0].deviance > UNSOLVED * promised:  # far from its end
+        at_levels = levels(judged, targets, ahead=False)
     score = scored(judged, at_levels, h.effects, base, targets)
     score = replace(score, near=isinstance(model, NearModel) and not model.is_solved(judged.theta))
     refit = Refit.of(replace(judged, model=with_effects(base, h.effects)))

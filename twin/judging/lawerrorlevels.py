@@ -31,10 +31,10 @@ class Level:
     p_value: float
 
 
-def levels(judged: Judged, targets: Targets) -> tuple[Level, ...]:
+def levels(judged: Judged, targets: Targets, *, ahead: bool = True) -> tuple[Level, ...]:
     """The levels of a judged model that was fitted without law errors, one for each of LEVELS; the first
     alone where no law may err. At every level, the first included, one linearised step improves the fit. So
-    the fit need not have converged.
+    the fit need not have converged. Without `ahead` no step is taken: the levels are of what was solved.
 
     Whitened modes M (n, k) of the law errors make the whitened residual's covariance I + eps^2 M M'. With
     the eigenvectors U and the eigenvalues v of M M', those above 1e-10 of the largest, it is whitened by its
@@ -60,7 +60,7 @@ def levels(judged: Judged, targets: Targets) -> tuple[Level, ...]:
             return np.asarray(x - (U * reduction) @ (U.T @ x), float)
 
         z, fitted = whitened(judged.z), whitened(judged.fitted)
-        step = _bounded_step(fitted, z, bounds)
+        step = _bounded_step(fitted, z, bounds) if ahead else np.zeros(fitted.shape[1])
         residual = z - fitted @ step
         functions = whitened(smooth) if len(z) > 2 * smooth.shape[1] else None
         return Level(

@@ -15,7 +15,7 @@ from twin.diagnosis.hypotheses import Hypothesis, Refit, Score
 from twin.diagnosis.refitting import refitted
 from twin.diagnosis.screening import paired
 from twin.diagnosis.shortlist import Refits, Task, _better, rivals
-from twin.effects.protocol import Effect
+from twin.effects.protocol import Effect, Unsolvable
 from twin.targets import Array
 
 BASE, FIELDS = smooth_field(1), {name: smooth_field(10 + k) for k, name in enumerate(("alpha", "beta", "gamma"))}
@@ -142,6 +142,34 @@ def test_a_refit_whose_steps_are_too_long_tries_shorter_ones() -> None:
     found, _ = refitted(far, base, t, seed=0)
     assert found.refit is not None
     assert abs(found.refit.values[name] + np.log(0.4) / 8) < 0.02
+
+
+class Stopped(Toy):
+    """A toy that has no equilibrium beyond a tenth of what its derivatives promise of an effect."""
+
+    def predict(self, theta: Array) -> Array:
+        if np.abs(theta[1:]).max(initial=0.0) > 0.06:
+            raise Unsolvable("limit point", reached=0.0)
+        return super().predict(theta)
+
+
+def test_what_a_refit_s_next_step_promises_and_no_solve_gives_is_no_evidence() -> None:
+    t = targets(1.3 * BASE[0] + 0.6 * FIELDS["alpha"][0], seed=0)
+    (name,) = (p.name for p in EFFECTS[0].parameters)
+
+    def found(model: Toy) -> Hypothesis:
+        task = Task(model, EFFECTS, (), t, 0, lambda *a: None)  # type: ignore[arg-type]
+        start = {"base.C": 1.3, name: 0.05}
+        h = Hypothesis(effects=EFFECTS[:1], start=start, hint=1000.0)
+        return refitted(h, task.base(np.array([1.0])), t, seed=0)[0]
+
+    whole, stopped = found(Toy({"base": BASE, **FIELDS})), found(Stopped({"base": BASE, **FIELDS}))
+    assert whole.adequate
+    assert not stopped.adequate
+    assert whole.score is not None
+    assert stopped.score is not None
+    assert stopped.score.size < 0.5 * whole.score.size  # of the fall without law errors: 0.19 of it are solved
+    assert stopped.start[name] <= 0.06  # it goes on from where it was solved
 
 
 def pairs_refitted(truth: Array, fields: dict[str, Array]) -> list[str]:
