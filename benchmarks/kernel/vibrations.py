@@ -31,7 +31,7 @@ def theirs(case: Case, pressure: float, *, count: int, folder: Path, spring: str
 
 
 def turning(case: Case, folder: Path, pressure: float = 0.003) -> float:
-    """By what share a pressure in MPa inside a half model changes the frequency at which all of it turns about
+    """By what share a pressure in MPa inside a half model changes the frequency at which it all turns about
     a hinge at the bottom of its base, on a spring at its tip: by next to nothing, if all is right."""
     x, (plane,) = case.nodes, (s for s in case.supports if s.components == (1,))
     low = x[:, 2] < x[:, 2].min() + 1e-9
