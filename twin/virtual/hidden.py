@@ -19,7 +19,7 @@ from twin.effects.mechanism import Mechanism
 from twin.effects.protocol import Effect, Test
 from twin.effects.supports import flat_bottom
 from twin.targets import Array
-from twin.virtual.swinging import swinging
+from twin.virtual.hiddenmotion import swinging
 
 Change = Callable[[Test, float], Test]
 Seen = Callable[[Array, Test, float], Array]

@@ -57,7 +57,7 @@ def test_inertia_adds_a_swing_that_dies_after_each_fast_step(short_case: Case, s
     assert min(up, down) > 30 * later
     # a step within 80 ms, 2.3 periods of so short a finger, leaves some part of its own size
     moved = solve(short_case, fast).at(test.points)[:, 0]
-    assert 0.02 < up / np.ptp(moved[(4.4 < t) & (t < 6.4)], axis=0).max() < 0.5
+    assert 0.02 < up / np.ptp(moved[(t > 4.4) & (t < 6.4)], axis=0).max() < 0.5
 
 
 def test_every_known_kind_names_an_effect_of_the_library() -> None:
