@@ -39,7 +39,7 @@ CORNERS = (  # (s, share of the top pressure) of one recording: a slow cycle wit
     (42.2, 0.0), (50.0, 0.0),
 )  # fmt: skip
 STEPPED = (  # the same of the recording with fast steps: after a slow rise one up, and one down
-    (0.0, 0.0), (2.0, 0.0), (4.0, 0.4), (4.5, 0.4), (4.58, 0.75), (6.5, 0.75), (6.58, 0.3), (8.5, 0.3),
+    (0.0, 0.0), (2.0, 0.0), (4.0, 0.45), (4.4, 0.45), (4.5, 0.6), (5.9, 0.6), (6.0, 0.4), (7.4, 0.4),
 )  # fmt: skip
 FAST_HZ, FAST_LOG_HZ = 60.0, 200.0  # of its film and log
 PERIOD = 60.0  # s from one recording to the next: the finger is turned while it rests
