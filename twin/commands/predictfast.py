@@ -67,8 +67,12 @@ def swing_of_course(
     """The course with the times that show its swing, and the swing that is wanted, None for statics alone.
 
     left_out: takes a sentence where inertia counts and cannot be had. dynamics: whether it is wanted however
-    slow the course is: then that is a ValueError.
+    slow the course is: then that is a ValueError. A model with the effect inertia swings by itself.
     """
+    swings = any(effect.name == "inertia" for effect in bench.model().effects)
+    if swings and (dynamics or loss is not None or density is not None):
+        raise ValueError("--dynamics, --loss, --density: the model has the effect inertia, and follows the "
+                         "course with the frequency and damping of the film; leave them out")  # fmt: skip
 
     def fast(hz: float) -> Array:
         return fast_times(bench.targets, course.time, course.pressure, hz)
@@ -80,6 +84,8 @@ def swing_of_course(
         times = fast(hz)
         if not dynamics and not len(times):
             return course, None
+        if swings:
+            return replace(course, output=np.union1d(course.output, _shown(times, course, hz))), None
         check_density(bench, fit, density)
         if course.loads or (course.loads is None and any(load.block == 0 for load in bench.targets.loads)):
             raise ValueError("a weight hangs on the finger, whose mass the reduced model does not have")
