@@ -28,6 +28,7 @@ AFTER = (6.0, 3.0, 1.5)  # periods after each fast change that they cover, as ma
 BEFORE = 1 / 6  # of a period
 LEFT_OUT = "The course is fast, and inertia is left out: {}."
 SHOWN = 0.05  # mm: a smaller overshoot is not told
+NEAR = 1e-6  # s, within which two times are one
 
 
 class LargestMotion(Record):
@@ -85,7 +86,7 @@ def swing_of_course(
         if not dynamics and not len(times):
             return course, None
         if swings:
-            return replace(course, output=np.union1d(course.output, _shown(times, course, hz))), None
+            return _with_shown(course, times, hz), None
         check_density(bench, fit, density)
         if course.loads or (course.loads is None and any(load.block == 0 for load in bench.targets.loads)):
             raise ValueError("a weight hangs on the finger, whose mass the reduced model does not have")
@@ -94,8 +95,7 @@ def swing_of_course(
             raise
         left_out.append(LEFT_OUT.format(error))
         return course, None
-    output = np.union1d(course.output, _shown(times, course, hz))
-    return replace(course, output=output), WantedSwing(_damping(bench, loss), density)
+    return _with_shown(course, times, hz), WantedSwing(_damping(bench, loss), density)
 
 
 def or_statics(swing: WantedSwing, whys: list[str], *of_statics: Any) -> Swing | None:
@@ -105,6 +105,12 @@ def or_statics(swing: WantedSwing, whys: list[str], *of_statics: Any) -> Swing |
     except (ValueError, Unsolvable) as error:
         whys.append(LEFT_OUT.format(error))
         return None
+
+
+def _with_shown(course: WantedCourse, times: Array, hz: float) -> WantedCourse:
+    """The course with the times that show its swing, of which none is as good as another."""
+    output = np.union1d(course.output, _shown(times, course, hz))
+    return replace(course, output=output[np.diff(output, prepend=-np.inf) > NEAR])
 
 
 def _shown(times: Array, course: WantedCourse, hz: float) -> Array:

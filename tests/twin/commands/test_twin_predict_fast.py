@@ -119,6 +119,7 @@ def test_a_model_with_inertia_swings_by_itself(
     found, swing = swing_of_course(bench, fit, course, [], dynamics=False, loss=None, density=None)
     assert swing is None
     assert len(found.output) > 20
+    assert np.diff(found.output).min() > 1e-6
     with pytest.raises(ValueError, match="the model has the effect inertia"):
         swing_of_course(bench, fit, course, [], dynamics=True, loss=None, density=None)
 
