@@ -1,7 +1,7 @@
 """A recorded pressure history (`Path`); the pressure levels and times at which it is solved; the
 creep-equivalent pressure."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TypedDict
 
@@ -122,6 +122,17 @@ class Path:
     def at_output(self) -> Array:
         """Pressure (s,) MPa at the output times, linear between log entries."""
         return self.pressure_at(self.output)
+
+    @property
+    def with_outputs(self) -> "Path":
+        """The same path, whose log has the output times, too."""
+        inside = (self.output > self.time[0]) & (self.output < self.time[-1])
+        time = np.union1d(self.time, self.output[inside])
+        if len(time) == len(self.time):
+            return self
+        drift = None if self.stiffness is None else self.stiffness_at(time)
+        outside = self.under(self.outside_at(time)) if len(self.outside) > 1 else {}
+        return replace(self, time=time, pressure=self.pressure_at(time), stiffness=drift, **outside)
 
     def pressure_at(self, time: Array) -> Array:
         """Pressure (k,) MPa at times (k,) s, linear between log entries."""

@@ -211,7 +211,7 @@ COMMANDS = (
     Stage(
         name="modes", title="Say at which frequencies the finger vibrates, and what moves.",
         reads=FITTED,
-        writes=("vibrations.json", "vibrations.csv", "vibrations.png"),
+        writes=("vibrations.json", "vibrations.csv", "vibrations.png", "vibrations.rrd"),
         group=Group.USE, function="twin.commands.modes:run_modes", when=When.ASKED,
     ),
     Stage(

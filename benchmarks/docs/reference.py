@@ -322,7 +322,9 @@ def _protocol(p: Protocol, rates: Mapping[str, Any]) -> str:
     markers = "the tip" if p.along == 1 else f"{p.along} along the edge"
     markers += f", {p.off_axis} off the axis, {p.fixed} fixed on the rig" if p.fixed else ""
     course = "one ramp" if p.ramp else "two cycles at two rates, with holds"
-    course += f", in {p.recordings} orientations; the finger is weighed" if p.weighed else ""
+    course = "a slow rise, then two fast steps" if p.fast else course
+    course += f", in {p.recordings} orientations" if p.recordings > 1 else ""
+    course += "; the finger is weighed" if p.weighed else ""
     return f"| {p.name} | {markers} | {course} | {_right(rates.get('same'))} | {_right(rates.get('other'))} |"
 
 

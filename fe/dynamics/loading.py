@@ -1,5 +1,6 @@
 """An equilibrium under a load that has been held for long, and the tangent that a vibration feels there."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -11,6 +12,7 @@ from fe.kernel.assembly import Memory, State
 from fe.material import Material
 from fe.mesh.mirror import symmetry_support
 from fe.path import Path
+from fe.solver.curve import Curve
 from fe.solver.loadings import Loadings
 from fe.solver.newton import Equilibrium, Problem, Step, equilibrium, tangent_at
 from fe.solving import solve
@@ -113,6 +115,12 @@ def at_rest(case: Case, held: HeldLoad) -> LoadedState:
 
     ValueError where the tangent has no symmetric part alone: friction, or a chamber with an open edge.
     """
+    return at_rest_under(case, held, [held.pressure])[0]
+
+
+def at_rest_under(case: Case, held: HeldLoad, pressures: Sequence[float]) -> list[LoadedState]:
+    """The equilibria (k,) of a case as `at_rest` finds them, under pressures (k,) MPa in place of the held
+    one, along one load path."""
     relaxed = replace(case, materials={k: _relaxed(m) for k, m in case.materials.items()})
     plain = replace(case, materials={k: replace(m, mullins=None) for k, m in case.materials.items()})
     problem = Loadings.of(Problem.of(plain), held.path, (), ()).problems[0]
@@ -122,19 +130,26 @@ def at_rest(case: Case, held: HeldLoad) -> LoadedState:
                 f"vibrations with {what}: its tangent is not symmetric, wanted an obstacle without friction "
                 "and a closed chamber; leave it out"
             )
-    pressure = max(held.pressure, 0.0)
-    solution = solve(relaxed, replace(held, pressure=pressure).path)
-    if not solution.converged:
-        return LoadedState(problem, held, problem.start(), solution.reason)
-    start = solution.curves[0].state(pressure)
+    loads = [replace(held, pressure=pressure) for pressure in pressures]
+    solution = solve(relaxed, replace(held, pressure=max(0.0, *pressures)).path)
+    reached = np.inf if solution.converged else solution.reached
     prony = problem.constants.prony
     rest = Memory(1 - prony[..., 0].sum(axis=0), 0 * problem.geometry.weight[..., None, None] * np.eye(3))
     memory = rest if len(prony) else None
-    found = equilibrium(problem, start, load=pressure, memory=memory)
-    rest_state = found.state
-    for count in DOWN if held.pressure < 0 and rest_state is not None else ():
-        assert rest_state is not None
-        found = _sucked(problem, rest_state, np.linspace(0.0, held.pressure, count + 1)[1:], memory)
+    return [
+        _loaded(problem, load, solution.curves[0], memory) if max(load.pressure, 0.0) < reached
+        else LoadedState(problem, load, problem.start(), solution.reason) for load in loads
+    ]  # fmt: skip
+
+
+def _loaded(problem: Problem, held: HeldLoad, curve: Curve, memory: Memory | None) -> LoadedState:
+    """The equilibrium under a held load, near a curve of those from no pressure on."""
+    start = curve.state(max(held.pressure, 0.0))
+    found = equilibrium(problem, start, load=max(held.pressure, 0.0), memory=memory)
+    rest = found.state
+    for count in DOWN if held.pressure < 0 and rest is not None else ():
+        assert rest is not None
+        found = _sucked(problem, rest, np.linspace(0.0, held.pressure, count + 1)[1:], memory)
         if found.state is not None:
             break
     return LoadedState(problem, held, found.state or start, found.reason)

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_matrix
 
 from fe.case import Case
-from fe.dynamics.loading import HeldLoad, LoadedState, at_rest
+from fe.dynamics.loading import HeldLoad, LoadedState, at_rest_under
 from fe.dynamics.mass import mass_matrix
 from fe.dynamics.timesteps import Instant, resumed
 from fe.dynamics.vibration import modes
@@ -77,10 +77,9 @@ class ReducedModel:
         M, nudge = mass_matrix(case), NUDGE * float(np.abs(pressures).max())
         pull = np.zeros(3) if gravity is None else gravity
         rows: list[tuple[Array, ...]] = []
-        for pressure in pressures:
-            loaded = at_rest(case, HeldLoad(float(pressure), pull))
+        for loaded in at_rest_under(case, HeldLoad(gravity=pull), list(map(float, pressures))):
             if not loaded.converged:
-                raise ValueError(f"no equilibrium at {1e3 * pressure:.4g} kPa: {loaded.reason}")
+                raise ValueError(f"no equilibrium at {1e3 * loaded.held.pressure:.4g} kPa: {loaded.reason}")
             found = modes(loaded, count=2 * count)
             mine = np.flatnonzero(~found.sideways)[:count]
             flat = found.shape[mine].reshape(len(mine), -1)

@@ -230,12 +230,15 @@ class _March:
         problem = replace(self.problem, inertia=self.inertia.of_step(scale, ahead))
         part = (1 - f) * dt
         memory = now.past.memory(problem, part) if now.past is not None else None
-        guess = replace(now.state, u=u + (1 - f) * (dt * v + dt**2 / 2 * a))
-        step = last.step if last is not None else None
         load = float(np.interp(now.time + part, self.path.time, self.path.pressure))
-        found = equilibrium(
-            problem, guess, load=load, memory=memory, last=step, exact=False, tolerance=PRECISION
-        )
+        # the fast vibrations of thin walls, taken ahead by more than their period, turn elements inside out
+        for guess in (replace(now.state, u=u + (1 - f) * (dt * v + dt**2 / 2 * a)), now.state):
+            found = equilibrium(
+                problem, guess, load=load, memory=memory, last=last.step if last else None,
+                exact=False, tolerance=PRECISION,
+            )  # fmt: skip
+            if found.state is not None:
+                break
         if found.state is None:
             return None, found, np.inf
         moved = (found.state.u - u) / (1 - f)

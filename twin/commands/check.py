@@ -270,12 +270,17 @@ def _check_inertia(project: Project, targets: Targets, case: "Case", say: Say) -
         flags = not_static(targets, stated)
         say(f"ringing_Hz = {stated:g}: {int(flags.sum())} of {len(flags)} steps are left out of all fits, as "
             "inertia moves the finger there.")  # fmt: skip
-    elif not_static(targets, SLOWEST_Hz).any():
+    elif not _follows_inertia(project) and not_static(targets, SLOWEST_Hz).any():
         from twin.bench.firstvibration import first_vibration
 
         hz, source = first_vibration(project, case)
         if sentence := said(targets, hz, source):
             say(sentence)
+
+
+def _follows_inertia(project: Project) -> bool:
+    """True if the model has the effect inertia."""
+    return any(label.partition(":")[0] == "inertia" for label in project.config.model.effects)
 
 
 def _placed(project: Project, targets: Targets) -> Iterator[TargetPoint]:

@@ -9,6 +9,7 @@ from typer import Option
 
 from fe.element import Integers, triangles
 from fe.mesh.mirror import AXIS, middle_plane, symmetry_support
+from fe.mesh.points import interpolation
 from twin import files
 from twin.bench.engines import check_embedded
 from twin.bench.fits import fit_file
@@ -16,11 +17,12 @@ from twin.bench.workbench import Workbench
 from twin.calibrated.naturalvibrations import Vibrating, WantedVibrations, check_density, vibrations
 from twin.calibrated.positions import asked
 from twin.calibrated.predictions import NORMAL, pressure_of, why_none
-from twin.drawing.vibrationplot import ShapePanel, draw_vibrations
+from twin.drawing.vibrationplot import SWING, ShapePanel, draw_vibrations
 from twin.judging.fitrecord import FitRecord
 from twin.messages import Say
 from twin.project.folder import Project
 from twin.records import Maybe, Record
+from twin.review.finger import Swinging, write_swinging
 from twin.table import DataTable
 from twin.tablemodel import Finite
 from twin.targets import Array
@@ -93,11 +95,15 @@ def run_modes(
         )  # fmt: skip
         run.write(told)
         run.write_text("vibrations.csv", _csv(told))
-        run.write_bytes("vibrations.png", draw_vibrations([_panels(one, bench) for one in found]))
+        panels = [_panels(one, bench) for one in found]
+        run.write_bytes("vibrations.png", draw_vibrations(panels))
+        write_swinging(run.path("vibrations.rrd"), [x for one, row in zip(found, panels, strict=True)
+                                                    for x in _swinging(one, row, bench)])  # fmt: skip
         run.summary["headline"] = f"{rows[0].frequency_Hz:.3g} Hz at {1e3 * levels[0]:.4g} kPa"
     for line in (*_table(told), *([note] if note else [])):
         say(line)
-    say(f"Wrote {project.shown(run.folder)}/vibrations.csv, vibrations.json and vibrations.png")
+    say(f"Wrote {project.shown(run.folder)}/vibrations.csv, vibrations.json and vibrations.png; "
+        f"moving: `rerun {run.path('vibrations.rrd')}`")
     return {"stage": "modes", "run": run.name} | files.plain(told)
 
 
@@ -186,6 +192,15 @@ def _panels(one: Vibrating, bench: Workbench) -> list[ShapePanel]:
             every, motion, skin = places, shape, surface
         out.append(ShapePanel(every, motion, skin, seen, title))
     return out
+
+
+def _swinging(one: Vibrating, panels: Sequence[ShapePanel], bench: Workbench) -> Iterator[Swinging]:
+    """The vibrations at one pressure as they are drawn, with the points that the project names."""
+    at = _on_model(one, np.array(list(asked(bench, []).values())))
+    rest = at + interpolation(one.case, at) @ one.u
+    for panel, shape in zip(panels, one.found.at(at), strict=True):
+        swing = SWING * float(np.ptp(panel.places[:, 0]))
+        yield Swinging(panel.title, panel.places, swing * panel.shape, panel.triangles, rest, swing * shape)
 
 
 def _both(

@@ -28,6 +28,7 @@ AFTER = (6.0, 3.0, 1.5)  # periods after each fast change that they cover, as ma
 BEFORE = 1 / 6  # of a period
 LEFT_OUT = "The course is fast, and inertia is left out: {}."
 SHOWN = 0.05  # mm: a smaller overshoot is not told
+NEAR = 1e-6  # s, within which two times are one
 
 
 class LargestMotion(Record):
@@ -67,8 +68,12 @@ def swing_of_course(
     """The course with the times that show its swing, and the swing that is wanted, None for statics alone.
 
     left_out: takes a sentence where inertia counts and cannot be had. dynamics: whether it is wanted however
-    slow the course is: then that is a ValueError.
+    slow the course is: then that is a ValueError. A model with the effect inertia swings by itself.
     """
+    swings = any(effect.name == "inertia" for effect in bench.model().effects)
+    if swings and (dynamics or loss is not None or density is not None):
+        raise ValueError("--dynamics, --loss, --density: the model has the effect inertia, and follows the "
+                         "course with the frequency and damping of the film; leave them out")  # fmt: skip
 
     def fast(hz: float) -> Array:
         return fast_times(bench.targets, course.time, course.pressure, hz)
@@ -80,6 +85,8 @@ def swing_of_course(
         times = fast(hz)
         if not dynamics and not len(times):
             return course, None
+        if swings:
+            return _with_shown(course, times, hz), None
         check_density(bench, fit, density)
         if course.loads or (course.loads is None and any(load.block == 0 for load in bench.targets.loads)):
             raise ValueError("a weight hangs on the finger, whose mass the reduced model does not have")
@@ -88,8 +95,7 @@ def swing_of_course(
             raise
         left_out.append(LEFT_OUT.format(error))
         return course, None
-    output = np.union1d(course.output, _shown(times, course, hz))
-    return replace(course, output=output), WantedSwing(_damping(bench, loss), density)
+    return _with_shown(course, times, hz), WantedSwing(_damping(bench, loss), density)
 
 
 def or_statics(swing: WantedSwing, whys: list[str], *of_statics: Any) -> Swing | None:
@@ -99,6 +105,12 @@ def or_statics(swing: WantedSwing, whys: list[str], *of_statics: Any) -> Swing |
     except (ValueError, Unsolvable) as error:
         whys.append(LEFT_OUT.format(error))
         return None
+
+
+def _with_shown(course: WantedCourse, times: Array, hz: float) -> WantedCourse:
+    """The course with the times that show its swing, of which none is as good as another."""
+    output = np.union1d(course.output, _shown(times, course, hz))
+    return replace(course, output=output[np.diff(output, prepend=-np.inf) > NEAR])
 
 
 def _shown(times: Array, course: WantedCourse, hz: float) -> Array:

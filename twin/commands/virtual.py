@@ -43,7 +43,7 @@ def run_virtual(
     folder: Annotated[Path, Argument(help="project folder to make")],
     say: Say,
     *,
-    protocol: Annotated[str, Option(help="P1 (tip, one ramp) to P5 (three orientations)")] = "P3",
+    protocol: Annotated[str, Option(help="P1 (tip, one ramp) to P5 (three orientations), or fast")] = "P3",
     hide: Annotated[Sequence[str], Option(help="what the model lacks, NAME or NAME=SIZE; repeated")] = (),
     sigmas: Annotated[float | None, Option(
         help="size of what is hidden, in sds of the noise beside the constants")] = None,

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from calibrate import Parameter
-from fe import Path
 from fe.dynamics.onevibration import driven
 from twin.effects.mechanism import Mechanism, Owner
 from twin.effects.phrases import number
@@ -63,16 +62,14 @@ class Inertia(Family):
         return {**theta, "inertia.faster": 0.0, "inertia.drag": 0.0}
 
     def before(self, test: Test, theta: Theta) -> Test:
-        path, share = test.path, theta["inertia.share"]
-        inside = (path.output > path.time[0]) & (path.output < path.time[-1])
-        time = np.union1d(path.time, path.output[inside])
-        p = path.pressure_at(time)
+        path, share = test.path.with_outputs, theta["inertia.share"]
+        p = path.pressure
         span = max(float(np.ptp(p)), 1e-12)
         q = driven(
-            time, p, omega=2 * np.pi * theta["inertia.hz"], damping=theta["inertia.damping"],
+            path.time, p, omega=2 * np.pi * theta["inertia.hz"], damping=theta["inertia.damping"],
             growth=theta.get("inertia.drag", 0.0) / span, faster=theta.get("inertia.faster", 0.0) / span,
         )  # fmt: skip
-        return replace(test, path=_with_times(path, time, p + share * (q - p)))
+        return replace(test, path=replace(path, pressure=p + share * (q - p)))
 
     def told(self, values: Theta) -> str:
         hz, damping = (number(values[f"inertia.{k}"]) for k in ("hz", "damping"))
@@ -103,10 +100,3 @@ class _Closer(Inertia):
 
 def _entries(frequencies: Array, dampings: tuple[float, ...]) -> tuple[Theta, ...]:
     return tuple({"inertia.hz": float(f), "inertia.damping": x} for f in frequencies for x in dampings)
-
-
-def _with_times(path: Path, time: Array, pressure: Array) -> Path:
-    """The path with a pressure (t,) MPa at other log times (t,) s, which hold its own."""
-    drift = None if path.stiffness is None else path.stiffness_at(time)
-    outside = path.under(path.outside_at(time)) if path.turns.size else {}
-    return replace(path, time=time, pressure=pressure, stiffness=drift, **outside)

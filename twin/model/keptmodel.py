@@ -13,6 +13,7 @@ import numpy as np
 from fe import Case, Path, Solution
 from twin.effects.material import Elasticity
 from twin.effects.protocol import Effect, Order, SeenAtRest, Test, Unsolvable
+from twin.effects.requirements import swings
 from twin.gravity import of_targets, pulls_of, shares_of
 from twin.model.discretisation import Discretisation
 from twin.model.firstorder import standoffs
@@ -131,6 +132,8 @@ def base_test(targets: Targets, case: Case) -> Test:
         targets.log_time, targets.log_pressure, targets.time, gravity=weight, places=places, pulls=pulls,
         chambers=chambers, shares=shares, settled=bool(weight.any() or pulls.any()),
     )  # fmt: skip
+    if swings(targets):  # whose log must be as fine as its frames, with inertia and without
+        path = path.with_outputs
     rest = None
     if any(point.rest for point in targets.points):
         first = targets.rests[targets.reference] == targets.rests[targets.reference[0]]

@@ -1,6 +1,8 @@
-"""Recordings of the finger alone for rerun: undeformed with its dimensions, and its predicted shapes."""
+"""Recordings of the finger alone for rerun: undeformed with its dimensions, its predicted shapes, and its
+vibrations."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +89,8 @@ def _views(case: Case) -> rrb.Blueprint:
     return alone(rrb.Tabs(finger, drawing, active_tab=0, name="look"), rrb.TimePanel(state="hidden"))
 
 
-HELD, FOLLOWED = "pressure_Pa", "time"  # the timeline of each
+HELD, FOLLOWED, PERIOD = "pressure_Pa", "time", "part_of_period"  # the timeline of each
+PHASES = 24  # states of a period
 
 
 @np.errstate(under="ignore")  # normals of nearly plane parts end in exact zeros
@@ -101,23 +104,68 @@ def write_shapes(
     """
     used, flat = np.unique(triangles, return_inverse=True)
     rest, corners, moved = nodes[used], flat.reshape(-1, 3).astype(np.int64), u[:, used]
-    place = (rest + moved).astype(np.float32)
-    size = np.linalg.norm(moved, axis=-1)
-    both = np.concatenate([rest[None], place]).reshape(-1, 3)
+    both = np.concatenate([rest[None], rest + moved]).reshape(-1, 3)
     name = HELD if held else FOLLOWED
     view = finger_view("/finger", f"scrub {name}", low=both.min(axis=0), high=both.max(axis=0))
     panel = rrb.TimePanel(timeline=name, state="collapsed")
     with rerun_file(path, alone(rrb.Tabs(view, name="predict"), panel)) as recording:
-        recording.log("finger/rest", still(rest, corners, colour=REST, inside=0.01), static=True)
-        recording.log("finger/mesh", rr.Mesh3D.from_fields(triangle_indices=corners), static=True)
         column = (
             rr.TimeColumn(name, sequence=(1e6 * pressure).round().astype(int))
             if held
             else rr.TimeColumn(name, duration=time)
         )
-        mesh = rr.Mesh3D.columns(
-            vertex_positions=place.reshape(-1, 3),
-            vertex_normals=np.concatenate([normals(state, corners) for state in place]),
-            vertex_colors=colours(size, top=round_up(float(size.max()))).reshape(-1, 3),
-        )
-        recording.send_columns("finger/mesh", [column], mesh.partition([len(rest)] * len(place)))
+        _log_moving(recording, "finger", rest, corners, moved, column)
+
+
+def _log_moving(
+    recording: rr.RecordingStream, entity: str, rest: Array, corners: Integers, moved: Array,
+    column: rr.TimeColumn,
+) -> None:  # fmt: skip
+    """Log a surface at rest (n, 3) mm, and moved by (s, n, 3) mm on a timeline, coloured by how far."""
+    recording.log(f"{entity}/rest", still(rest, corners, colour=REST, inside=0.01), static=True)
+    recording.log(f"{entity}/mesh", rr.Mesh3D.from_fields(triangle_indices=corners), static=True)
+    place, size = (rest + moved).astype(np.float32), np.linalg.norm(moved, axis=-1)
+    mesh = rr.Mesh3D.columns(
+        vertex_positions=place.reshape(-1, 3),
+        vertex_normals=np.concatenate([normals(state, corners) for state in place]),
+        vertex_colors=colours(size, top=round_up(float(size.max()))).reshape(-1, 3),
+    )
+    recording.send_columns(f"{entity}/mesh", [column], mesh.partition([len(rest)] * len(place)))
+
+
+@dataclass(frozen=True)
+class Swinging:
+    """A vibration to show: its title, places (n, 3) mm about which it moves, its motion (n, 3) mm at one end,
+    triangles (t, 3) of the surface; places and motion (p, 3) mm of the markers."""
+
+    title: str
+    places: Array
+    motion: Array
+    triangles: Integers
+    markers: Array
+    moving: Array
+
+
+@np.errstate(under="ignore")
+def write_swinging(path: Path, vibrations: Sequence[Swinging]) -> None:
+    """Write vibrations into the rerun file `path`, atomically: a tab for each, in which one period plays over
+    and over."""
+    phase = 2 * np.pi * np.arange(PHASES) / PHASES
+    column, views = rr.TimeColumn(PERIOD, sequence=np.arange(PHASES)), []
+    for k, one in enumerate(vibrations):
+        ends = np.concatenate([one.places + one.motion, one.places - one.motion])
+        views.append(finger_view(f"/vibration{k}", one.title, low=ends.min(axis=0), high=ends.max(axis=0)))
+    panel = rrb.TimePanel(timeline=PERIOD, state="collapsed", fps=float(PHASES), play_state="playing",
+                          loop_mode="all")  # fmt: skip
+    with rerun_file(path, alone(rrb.Tabs(*views, name="modes"), panel)) as recording:
+        for k, one in enumerate(vibrations):
+            used, flat = np.unique(one.triangles, return_inverse=True)
+            moved = np.cos(phase)[:, None, None] * one.motion[used]
+            _log_moving(recording, f"vibration{k}", one.places[used], flat.reshape(-1, 3), moved, column)
+            dots = one.markers + np.cos(phase)[:, None, None] * one.moving
+            radius = 0.007 * float(np.ptp(one.places[:, 0]))
+            style = rr.Points3D.from_fields(radii=radius, colors=POINT)
+            recording.log(f"vibration{k}/markers", style, static=True)
+            points = rr.Points3D.columns(positions=dots.reshape(-1, 3))
+            recording.send_columns(f"vibration{k}/markers", [column],
+                                   points.partition([len(one.markers)] * PHASES))  # fmt: skip

@@ -122,7 +122,7 @@ def said(targets: Targets, hz: float, source: str) -> str:
     return (
         f"{int(flags.sum())} of {len(flags)} steps are not quasi-static ({', '.join(where[:SHOWN])}{more}): "
         f"inertia moves the finger by up to {moved.max():.2g} mm off its equilibrium there, as it rings at "
-        f"{hz:.3g} Hz ({source}). Fits take that for statics: write ringing_Hz = {hz:.3g} under [calibrate] "
-        "of twin.toml to leave these steps out, or change the pressure more slowly."
+        f"{hz:.3g} Hz ({source}). Fits take that for statics. To leave these steps out, write ringing_Hz = "
+        f"{hz:.3g} under [calibrate] of twin.toml; to follow them, effects = [\"inertia\"] under [model]."
     )
 

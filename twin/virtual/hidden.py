@@ -19,6 +19,7 @@ from twin.effects.mechanism import Mechanism
 from twin.effects.protocol import Effect, Test
 from twin.effects.supports import flat_bottom
 from twin.targets import Array
+from twin.virtual.hiddenmotion import swinging
 
 Change = Callable[[Test, float], Test]
 Seen = Callable[[Array, Test, float], Array]
@@ -31,9 +32,9 @@ class Kind:
     name; physics: the effect of the library that names it, or nothing; law: `same` as the library's,
     `other`, or `unknown`; unit of its size; sizes: at which a truth is solved, 0 left out; before, after: as
     those of an effect; part: what has to be solved for it: `static` (curves over pressure), `history` (the
-    whole course), or nothing (`path` and `picture`: it changes the pressure or what is seen alone); whole:
-    it needs the whole finger; along: a factor (s,) of its size at every step, from pressure (s,) over the
-    top pressure; mechanism: its class, where the library does not have it.
+    whole course), vibrations (`motion`), or nothing (`path` and `picture`: it changes the pressure or what is
+    seen alone); whole: it needs the whole finger; along: a factor (s,) of its size at every step, from
+    pressure (s,) over the top pressure; mechanism: its class, where the library does not have it.
     """
 
     name: str
@@ -399,6 +400,7 @@ KINDS = {
         _other("bent_gauge", "pressure_gain", "", _two(0.12), "path", bent_gauge),
         _other("drifting_zero", "pressure_offset", "MPa", _two(3e-3), "path", drifting_zero),
         _other("warming", "thermal", "", _two(0.2), "path", warming),
+        replace(_seen("inertia", "inertia", "", (1.0,), swinging), part="motion"),
         _seen("uneven_pins", "marker_standoff", "mm", _two(3.0), uneven_pins),
         _seen("tall_tag", "marker_standoff", "mm", _two(3.0), tall_tag),
         _seen("nearing", "camera_breathing", "", _two(0.05), nearing),

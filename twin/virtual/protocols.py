@@ -2,7 +2,8 @@
 
 P1: the tip marker over one ramp. P2: five markers, the same ramp. P3: two cycles at two rates with holds.
 P4: P3 in three directions of gravity, of which the last is held out, the finger weighed. P5: P4 with three
-markers off the axis and four fixed ones. In P1 to P3 the finger has no weight, and none is stated.
+markers off the axis and four fixed ones. In P1 to P3 the finger has no weight, and none is stated. `fast` is
+for what a film shows after fast steps: five markers at 60 frames a second, the finger weighed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,6 +38,10 @@ CORNERS = (  # (s, share of the top pressure) of one recording: a slow cycle wit
     (0.0, 0.0), (2.0, 0.0), (10.0, 1.0), (19.0, 1.0), (27.0, 0.0), (33.0, 0.0), (34.2, 0.8), (41.0, 0.8),
     (42.2, 0.0), (50.0, 0.0),
 )  # fmt: skip
+STEPPED = (  # the same of the recording with fast steps: after a slow rise one up, and one down
+    (0.0, 0.0), (2.0, 0.0), (4.0, 0.45), (4.4, 0.45), (4.5, 0.6), (5.9, 0.6), (6.0, 0.4), (7.4, 0.4),
+)  # fmt: skip
+FAST_HZ, FAST_LOG_HZ = 60.0, 200.0  # of its film and log
 PERIOD = 60.0  # s from one recording to the next: the finger is turned while it rests
 WAYS = ((0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))  # of gravity: upright, upside down, hanging
 RAMP = 10.0  # s, the end of the ramp of P1 and P2
@@ -91,8 +96,8 @@ def path(bench: Bench, *, protocol: Corners = FILM_A) -> Path:
 
 @dataclass(frozen=True)
 class Protocol:
-    """A protocol: its name, recordings, whether it ends with the ramp, and how many markers lie along the
-    lower edge, off the axis and on the rig."""
+    """A protocol: its name, recordings, whether it ends with the ramp, how many markers lie along the lower
+    edge, off the axis and on the rig, and whether it has fast steps."""
 
     name: str
     recordings: int
@@ -100,6 +105,7 @@ class Protocol:
     along: int
     off_axis: int
     fixed: int
+    fast: bool = False
 
     @property
     def held_out(self) -> int | None:
@@ -109,11 +115,13 @@ class Protocol:
     @property
     def weighed(self) -> bool:
         """True where the finger has weight, which the model includes."""
-        return self.recordings > 1
+        return self.fast or self.recordings > 1
 
     @property
     def steps(self) -> Array:
         """Output times (s,) s."""
+        if self.fast:
+            return np.arange(1, round(STEPPED[-1][0] * FAST_HZ)) / FAST_HZ
         early = [t for t in (*REST, *FIRST, *AFTER) if not self.ramp or t <= RAMP]
         rest = [PERIOD * k + t for k in range(1, self.recordings) for t in (*LATER, *AFTER)]
         return np.array([*early, *rest])
@@ -131,9 +139,10 @@ class Protocol:
     @property
     def course(self) -> Path:
         """The true pressure and gravity over time, with the steps as output times."""
-        end = RAMP + 0.5 if self.ramp else PERIOD * (self.recordings - 1) + CORNERS[-1][0]
-        time = np.round(np.arange(0.0, end + 0.5 / LOG_HZ, 1 / LOG_HZ), 6)
-        corner, share = np.array(CORNERS).T
+        corners, log_hz = (STEPPED, FAST_LOG_HZ) if self.fast else (CORNERS, LOG_HZ)
+        end = RAMP + 0.5 if self.ramp else PERIOD * (self.recordings - 1) + corners[-1][0]
+        time = np.round(np.arange(0.0, end + 0.5 / log_hz, 1 / log_hz), 6)
+        corner, share = np.array(corners).T
         pressure = TOP * np.interp(time % PERIOD, corner, share)
         turned = 0.5 * (PERIOD - AFTER[-1] - LATER[0])  # half way between the last step and the next
         turn = np.minimum(((time + turned) // PERIOD).astype(int), self.recordings - 1)
@@ -149,6 +158,7 @@ PROTOCOLS = {
         Protocol("P3", 1, False, 5, 0, 0),
         Protocol("P4", 3, False, 5, 0, 0),
         Protocol("P5", 3, False, 5, 3, 4),
+        Protocol("fast", 1, False, 5, 0, 0, fast=True),
     )
 }
 

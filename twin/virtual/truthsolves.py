@@ -165,7 +165,7 @@ def tangents(case: Case, course: Path, points: Array, kind: Kind) -> Array:
     if not solution.converged:
         raise ValueError(f"the truth {solution.reason}")
     rows = solution.variations_at(test.points)
-    if kind.part == "picture":
+    if kind.part in ("picture", "motion"):
         u = solution.at(test.points)
         rows[2] = (kind.after(u, test, h) - kind.after(u, test, -h)) / (2 * h)
     return rows

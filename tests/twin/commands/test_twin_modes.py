@@ -8,6 +8,7 @@ from benchmarks.kernel.beams import Beam
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 from calibrate import Fit
 from fe.dynamics.loading import HeldLoad, at_rest
@@ -57,6 +58,17 @@ def fitted(fit: FitRecord, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("twin.commands.modes.fit_file", lambda _: tmp_path / "fit.json")
 
 
+def ends_of(path: Path, entity: str) -> list[Any]:
+    """The places of points at both ends of their motion, as a rerun file has them."""
+    for chunk in RrdReader(str(path)).stream().filter(content=entity):
+        table = chunk.to_record_batch()
+        if {"part_of_period", "Points3D:positions"} <= set(table.schema.names):
+            found = dict(zip(table.column("part_of_period").cast("int64").to_pylist(),
+                             table.column("Points3D:positions").to_pylist(), strict=True))  # fmt: skip
+            return [found[0], found[12]]
+    return []
+
+
 @pytest.mark.usefixtures("fitted")
 def test_it_tells_the_vibrations_of_the_fitted_finger(project: Project, bench: Workbench, fit: FitRecord) -> None:
     found = run_modes(project, Lines(), ["4kPa"], count=3, loss=0.1, density=KG_M3, attach=["tip=2"])
@@ -76,6 +88,10 @@ def test_it_tells_the_vibrations_of_the_fitted_finger(project: Project, bench: W
         table = list(csv.DictReader(stream))
     assert float(table[0]["frequency_Hz"]) == pytest.approx(rows[0]["frequency_Hz"], rel=1e-5)
     assert (folder / "vibrations.png").stat().st_size
+    length = np.ptp((case.nodes + at_rest(case, HeldLoad(0.004)).state.u)[:, 0])
+    seen = [place for row in ends_of(folder / "vibrations.rrd", "vibration0/markers") for place in row]
+    apart = np.subtract(*np.array(seen).reshape(2, -1, 3))  # of the points, in their order, from end to end
+    np.testing.assert_allclose(apart, 2 * 0.12 * length * np.array(list(rows[0]["points"].values())), atol=1e-3)
     assert [row["moves"] for row in rows_of("modes", folder, found)] == [row["moves"] for row in rows]
 
 

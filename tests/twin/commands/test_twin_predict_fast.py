@@ -22,7 +22,8 @@ from twin.calibrated.courseinertia import Damping, WantedSwing, _as_it_vibrates,
 from twin.calibrated.positions import asked
 from twin.calibrated.predictions import WantedCourse, predicted
 from twin.commands.predict import run_predict
-from twin.commands.predictfast import _damping, _shown
+from twin.commands.predictfast import _damping, _shown, swing_of_course
+from twin.effects.inertia import Inertia
 from twin.judging.fitrecord import FitRecord
 from twin.project.folder import Project
 from twin.results import rows_of
@@ -107,6 +108,20 @@ def log(folder: Path, rise_s: float) -> Path:
     times = [0.0, 0.02, 0.02 + rise_s, 0.15 + rise_s]
     course.write_text("time_s,pressure_kPa\n" + "".join(f"{t},{p}\n" for t, p in zip(times, (0, 0, 4, 4), strict=True)), encoding="utf-8")
     return course
+
+
+def test_a_model_with_inertia_swings_by_itself(
+    bench: Workbench, fit: FitRecord, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = bench.model().with_effect(Inertia())
+    monkeypatch.setattr(Workbench, "model", lambda _: model)
+    course = WantedCourse(np.array([0.0, 0.02, 0.025, 0.15]), 1e-3 * np.array([0, 0, 4, 4.0]), np.array([0.1]))
+    found, swing = swing_of_course(bench, fit, course, [], dynamics=False, loss=None, density=None)
+    assert swing is None
+    assert len(found.output) > 20
+    assert np.diff(found.output).min() > 1e-6
+    with pytest.raises(ValueError, match="the model has the effect inertia"):
+        swing_of_course(bench, fit, course, [], dynamics=True, loss=None, density=None)
 
 
 @pytest.mark.usefixtures("fitted")

@@ -8,7 +8,7 @@ import pandas
 import pytest
 
 import twin
-from fe import Path
+from fe import Case, Path
 from tests.twin.foreign.arcs import BEND, PLACES, STIFF, TRUE, arcs
 from twin.effects.inertia import Inertia
 from twin.effects.library import effect
@@ -16,7 +16,10 @@ from twin.effects.protocol import Effect, Test
 from twin.effects.requirements import lacking
 from twin.foreign.courseeffects import candidates
 from twin.foreign.foreignmodel import ForeignModel
+from twin.model.keptmodel import base_model
 from twin.targets import Array, Targets
+from twin.virtual.draws import Setup, at_nodes, measured
+from twin.virtual.protocols import PROTOCOLS
 
 HZ, DAMPING, SD = 5.7, 0.06, 0.05
 TIME, LOG = np.arange(0.0, 7.0, 1 / 40), np.arange(0.0, 6.99, 0.01)
@@ -79,6 +82,24 @@ def test_without_a_share_nothing_changes_and_what_a_path_holds_beside_stays() ->
     np.testing.assert_array_equal(made.at_output(), path.at_output())
     np.testing.assert_allclose(made.stiffness_at(path.output), path.stiffness_at(path.output), rtol=1e-12)
     np.testing.assert_array_equal(made.outside_at(path.output), path.outside_at(path.output))
+
+
+def test_a_film_of_a_finger_with_weight_is_asked_for_it(short_case: Case) -> None:
+    """Its log has gravity at every time, and is coarser than its frames."""
+    course, points = PROTOCOLS["fast"].course, at_nodes(("tip",), (4401,), short_case.position(4401)[None])
+    u = np.zeros((len(course.output), 1, 3))
+    log = replace(course, time=course.time[::7], pressure=course.pressure[::7], gravity=course.gravity[::7])
+    film = measured(PROTOCOLS["fast"], u, u, points=points, setup=Setup(), seed=1)
+    film = replace(film, log_time=log.time, log_pressure=log.pressure)
+    model, inertia = base_model(film, short_case.with_material(density=1.07e-9)), Inertia()
+    theta, entry = np.array([0.214, 0.083]), {"inertia.hz": 5.0, "inertia.damping": 0.1}
+    assert np.isin(film.time[film.time < log.time[-1]], model.test.path.time).all()
+    tried = [k for k, e in enumerate(inertia.tries(model.test)) if e["inertia.damping"] == entry["inertia.damping"]]
+    near = min(tried, key=lambda k: abs(inertia.tries(model.test)[k]["inertia.hz"] - entry["inertia.hz"]))
+    found = model.tangents(theta, [inertia])[inertia.label][near][0]
+    values = [inertia.tries(model.test)[near][name] for name in ("inertia.hz", "inertia.damping")]
+    whole = model.with_effect(inertia).predict(np.array([*theta, 0.01, *values])) - model.predict(theta)
+    np.testing.assert_allclose(0.01 * found, whole, atol=0.02 * np.abs(whole).max())
 
 
 def test_it_is_asked_of_a_fast_course_and_of_frames_that_can_show_it_alone() -> None:

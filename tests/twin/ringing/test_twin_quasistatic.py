@@ -102,7 +102,7 @@ def test_check_tells_them_and_ringing_Hz_leaves_them_out(
     monkeypatch.setattr("twin.bench.firstvibration.first_vibration", lambda *_: (HZ, "usual constants"))
     _check_inertia(project, targets, case, say)
     assert "not quasi-static (1.9" in say[0] or "not quasi-static (2.0" in say[0]
-    assert "ringing_Hz = 5 under [calibrate]" in say[0]
+    assert 'ringing_Hz = 5 under [calibrate] of twin.toml; to follow them, effects = ["inertia"]' in say[0]
     assert said(made(project.targets(), rise_s=0.1, every=200)[0], HZ, "x") == ""
     left = without_ringing(targets, HZ)
     assert (left.valid.any(axis=(1, 2)) == ~not_static(targets, HZ)).all()
@@ -113,6 +113,10 @@ def test_check_tells_them_and_ringing_Hz_leaves_them_out(
     assert Workbench.of(project).targets.valid.all()
     _check_inertia(stated, targets, case, say)
     assert "steps are left out of all fits" in say[1]
+    followed = replace(project, config=project.config.model_copy(update={
+        "model": project.config.model.model_copy(update={"effects": ("inertia:2",)})}))  # fmt: skip
+    _check_inertia(followed, targets, case, say)
+    assert len(say) == 2
 
 
 def test_a_course_is_fast_where_its_steps_would_move_the_finger_beside_its_equilibrium(project: Project) -> None:

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fe import Case, Finger
+from fe import Case, Finger, solve
 from twin.effects.library import all_effects
 from twin.effects.protocol import Test
 from twin.virtual.hidden import KINDS
 from twin.virtual.protocols import PROTOCOLS, TOP, places
-from twin.virtual.truthsolves import SILICONE
+from twin.virtual.truthsolves import DENSITY, SILICONE
 
 COURSE = PROTOCOLS["P3"].course
 
@@ -21,7 +21,7 @@ def plain(case: Case, finger: Finger) -> Test:
     return Test(case.with_material(C10=SILICONE.C10, C01=SILICONE.C01), COURSE, points, np.ones(2, bool))
 
 
-@pytest.mark.parametrize("name", sorted(KINDS))
+@pytest.mark.parametrize("name", sorted(k for k, kind in KINDS.items() if kind.part != "motion"))
 def test_a_kind_hides_nothing_at_size_0_and_something_at_others(
     name: str, short_case: Case, short: Finger
 ) -> None:
@@ -44,6 +44,20 @@ def test_a_kind_hides_nothing_at_size_0_and_something_at_others(
     else:
         assert changed.case is not test.case
         assert changed.path is test.path
+
+
+def test_inertia_adds_a_swing_that_dies_after_each_fast_step(short_case: Case, short: Finger) -> None:
+    fast = PROTOCOLS["fast"].course
+    slower = short_case.with_material(density=36 * DENSITY)  # as slow as a finger of nine bellows
+    test, u = replace(plain(slower, short), path=fast), np.zeros((len(fast.output), 2, 3))
+    assert KINDS["inertia"].after(u, test, 0.0) is u
+    swing = np.abs(KINDS["inertia"].after(u, test, 1.0)[:, 0]).max(axis=1)
+    t = fast.output
+    slow, up, later, down = (swing[(a < t) & (t < b)].max() for a, b in ((0, 4), (4.4, 4.9), (5.6, 5.9), (5.9, 6.4)))
+    assert min(up, down) > 15 * slow
+    assert min(up, down) > 3 * later
+    moved = solve(short_case, replace(fast, gravity=np.zeros(3))).at(test.points)[:, 0]
+    assert 0.2 < up / np.ptp(moved[(t > 4.3) & (t < 5.9)], axis=0).max() < 1.0  # a step within half a period
 
 
 def test_every_known_kind_names_an_effect_of_the_library() -> None:
