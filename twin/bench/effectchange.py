@@ -22,7 +22,7 @@ from twin.bench.comparison import (
 from twin.bench.filmedge import FilmEdge
 from twin.bench.fits import fresh, held_fit, newest, newest_fit
 from twin.bench.workbench import Workbench, as_far_as_it_carries
-from twin.calibrated.effectstarts import begun_from, nominal
+from twin.calibrated.effectstarts import begun_from, carrying, nominal
 from twin.calibrated.problem import Carried
 from twin.judging.comparison import change_in_words
 from twin.judging.fitrecord import ComparisonRecord, Estimate, FitRecord, MaterialTestsRow
@@ -130,7 +130,9 @@ def change_effects(
             say.progress(f"refit with {', '.join(effects) or 'no effect'}", 0, 1)
             bench, change = _fitted(bench, effects, theta, say)
         if bench.carried is not None and former is None:  # the effects may carry more
-            further, gone_on = _fitted(Workbench.of(project, whole=True), effects, change.fit.theta, say)
+            all_of_it = Workbench.of(project, whole=True)
+            stronger = _carrying(all_of_it, effects, base, change.fit.theta)
+            further, gone_on = _fitted(all_of_it, effects, stronger, say)
             if further.carried is None or further.carried.fitted >= bench.carried.fitted:
                 bench, change = further, gone_on
             say(_carries(bench, effects))
@@ -180,6 +182,19 @@ def _fitted(
     return as_far_as_it_carries(
         bench, lambda b: (b, Change.of(b, b.judged(b.model(effects), start, say)))
     )
+
+
+def _carrying(bench: Workbench, effects: tuple[str, ...], base: Fit, theta: Array) -> Array:
+    """A start (d,) at which what is new beside a base fit carries as much of the test as it may: with the
+    constants of that fit and more of what is new, or theta (d,)."""
+    model = bench.model(effects)
+    fitted = {p.name: float(x) for p, x in zip(base.parameters, base.theta, strict=True)}
+    added = [p for p in model.parameters if p.name not in fitted and p.null is not None]
+    if not added:
+        return theta
+    begun = model.theta({**model.named(theta), **fitted, **{p.name: p.null or 0.0 for p in added}})
+    start = carrying(model, begun, added)
+    return theta if np.array_equal(start, begun) else start
 
 
 def _carries(bench: Workbench, effects: Sequence[str]) -> str:

@@ -1,13 +1,20 @@
 """Start values of the fit of a model with one effect more."""
 
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibrate import Parameter
 from twin.diagnosis.screening import screened
 from twin.diagnosis.signatures import signatures_of
 from twin.effects.protocol import Effect, Test, Theta, Unsolvable
 from twin.judging.judged import Judged
 from twin.model.prediction import Model
+from twin.targets import Array
 
 Start = dict[str, float]
 HALVED = 6  # times at most
+DOUBLED = 10  # times at most
 
 
 def begun(now: Judged, chosen: Effect) -> tuple[Effect, Start]:
@@ -55,3 +62,31 @@ def begun_from(model: Model, fitted: Theta, start: Theta) -> dict[str, float]:
     fitted ones count first."""
     values = {**fitted, **start}
     return values if model.allowed(values) else {**start, **fitted}
+
+
+def carrying(model: Model, theta: Array, added: Sequence[Parameter]) -> Array:
+    """A start (d,) that carries more of the test than theta (d,): with the amplitudes `added` doubled from a
+    typical step on to either side, the first that carries all, else that which carries most."""
+    rows = [k for k, p in enumerate(model.parameters) if p in added]
+    null, low, high, step = (
+        np.array([getattr(p, name) for p in added], float) for name in ("null", "low", "high", "step")
+    )
+    best, most = theta, _carried(model, theta)
+    for side in (1.0, -1.0):
+        for k in range(DOUBLED):
+            if most == np.inf:
+                return best
+            tried = theta.copy()
+            tried[rows] = np.clip(null + side * step * 2.0**k, low, high)
+            reached = -np.inf if np.array_equal(tried[rows], null) else _carried(model, tried)
+            best, most = (tried, reached) if reached > most else (best, most)
+    return best
+
+
+def _carried(model: Model, theta: Array) -> float:
+    """The pressure in MPa that a model carries at theta (d,); infinite where that is all of its test."""
+    try:
+        model.values(theta)
+    except Unsolvable as why:
+        return why.reached
+    return np.inf
