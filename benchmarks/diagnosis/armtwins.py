@@ -178,7 +178,7 @@ def foretold(
 def trial(film: Film) -> dict[str, Any]:
     """The row of one arm."""
     began, whole = time.process_time(), problem(film)
-    p, model, fit = fitted(whole, Begun((), 1.0 if film.kind == "limit" else 2.5), EVALUATIONS)
+    p, model, fit = fitted(whole, Begun(1.0 if film.kind == "limit" else 2.5), EVALUATIONS)
     top = float(p.targets.pressure[p.targets.used.any(axis=(1, 2))].max())
     p = p.carrying(Carried(top, top))
     model = p.model(())

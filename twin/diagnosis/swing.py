@@ -72,5 +72,5 @@ def in_words(seen: float, sd: float, model: float, pressure: float) -> str:
         mass = f"it moves {(model / seen) ** 2:.2g} times the mass that the model has"
         why = f"{mass}, or its clamp gives way as it swings"
     else:
-        why = "it is lighter than the model, or stiffer at that rate than at rest"
+        why = "it is lighter than the model, stiffer at that rate than at rest, or its chamber is closed"
     return f"{beside}: {why}. The film cannot tell which: weigh it."
