@@ -5,12 +5,10 @@ from typing import Any
 
 import benchmarks.diagnosis.armtwins as bench
 from benchmarks.diagnosis.armtwins import FITTED, SD, SETS, Film, foretold, problem, rates
+from benchmarks.diagnosis.realarm import Begun, fitted
 
 import numpy as np
 import pytest
-
-from calibrate import Fit
-from twin.judging.fitting import fit_unweighted
 
 
 @pytest.fixture(autouse=True)
@@ -59,10 +57,7 @@ def test_targets_are_the_truth_with_noise_at_the_nominal_pressure(markers: str) 
 
 
 def test_a_fit_of_constants_foretells_an_arm_that_hides_nothing() -> None:
-    whole = problem(low("nothing", "tip"))
-    model = whole.model(())
-    start = model.theta({"C10": 0.03, "C01": 0.014})
-    fit: Fit = fit_unweighted(model, whole.targets, start=start, evaluations=2)
+    whole, _, fit = fitted(problem(low("nothing", "tip")), Begun(1.0), evaluations=2)
     told = foretold(whole, float(whole.targets.pressure[2 * FITTED - 1]), (), fit)
     assert told["between"] is not None
     assert told["between"] < 4 * SD
