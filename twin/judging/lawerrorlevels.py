@@ -32,9 +32,9 @@ class Level:
 
 
 def levels(judged: Judged, targets: Targets, *, ahead: bool = True) -> tuple[Level, ...]:
-    """The levels of a judged model that was fitted without law errors, one for each of LEVELS; the first
-    alone where no law may err. At every level, the first included, one linearised step improves the fit. So
-    the fit need not have converged. Without `ahead` no step is taken: the levels are of what was solved.
+    """The levels of a judged model that was fitted without law errors, one for each of LEVELS. Where no law
+    may err there is the first alone. At every level, the first included, one linearised step improves the
+    fit. So the fit need not have converged. Without `ahead` no step is taken: what was solved counts.
 
     Whitened modes M (n, k) of the law errors make the whitened residual's covariance I + eps^2 M M'. With
     the eigenvectors U and the eigenvalues v of M M', those above 1e-10 of the largest, it is whitened by its
