@@ -10,7 +10,7 @@ history where it falls, gravity turns, or a material has a memory.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix
 from fe.case import Case, CaseKey, digest
 from fe.element import Array, Integers
 from fe.kernel.assembly import Kernel, State
-from fe.mesh.mirror import symmetry_support
+from fe.mesh.mirror import images, modes_of_images, symmetry_support
 from fe.mesh.points import interpolation
 from fe.path import LEVELS, Path, levels
 from fe.solver.adjoint import NullTangents
@@ -105,6 +105,14 @@ class Solution:
                         drift[k] = moved(drift[k], moved(state, on_curve, -1.0), change[n])
             h = replace(h, drift=tuple(drift))
         return replace(self, curves=tuple(c.ahead(change) for c in self.curves), history=h)
+
+    def mirrored(self, whole: Case) -> "Solution":
+        """The solution of a half model with its mirror image, without derivatives and history: a start for
+        the `whole` case that `fe.mesh.mirror.mirrored` makes of it."""
+        curves = tuple(c.without_derivatives.mapped(partial(images, self.case),
+                       partial(modes_of_images, whole.element)) for c in self.curves)  # fmt: skip
+        none = np.empty((0, len(self.number)))
+        return replace(self, case=whole, curves=curves, slopes=none, history=None, towards=None)
 
     def _operator(self, points: Array) -> csr_matrix:
         key = np.ascontiguousarray(points).tobytes()
@@ -223,9 +231,9 @@ def solve(
 ) -> Solution:
     """Displacements of `case` along `path`, and their derivatives along `variations`.
 
-    start: a solution of a neighbouring case with its mesh and path, to begin from. count: levels of pressure
-    on the history-free curve; a single output time needs no curve. Never raises for lack of convergence: see
-    `Solution.converged`, `reason` and `reached`.
+    start: a solution of a neighbouring case with its path, to begin from: on its mesh, or on the half that
+    `mirrored` makes it of. count: levels of pressure on the history-free curve; a single output time needs no
+    curve. Never raises for lack of convergence: see `Solution.converged`, `reason` and `reached`.
 
     A bar of 20 mm x 1 mm2 that 2 mN stretch: u = F L / (E A) with E = 6 C10, a little less beside the clamp.
 
@@ -249,6 +257,8 @@ def solve(
     refused(case, path, variations)
     task = _Task.of(case, path, variations)
     steps, loadings = task.levels(count)
+    if start is not None and len(start.case.nodes) < len(case.nodes):
+        start = start.mirrored(case)
     near = start.curves if start is not None and len(start.curves) == len(loadings.problems) else None
     curves = tuple(
         trace(q, steps, varied=around, near=near[k] if near else None)

@@ -1,6 +1,6 @@
 """Equilibrium states over pressure of a structure without memory, with slopes and derivatives."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,6 +77,11 @@ class Curve:
             self, derivative=self.derivative[:0], p_derivative=self.p_derivative[:0],
             touch_derivative=self.touch_derivative[:0],
         )  # fmt: skip
+
+    def mapped(self, to_u: Callable[[Array], Array], to_p: Callable[[Array], Array]) -> "Curve":
+        """The curve with displacements and pressure modes mapped, as onto a mesh that holds this one."""
+        u, p = to_u(self.u), to_p(self.p)
+        return replace(self, u=u, u_slope=to_u(self.u_slope), p=p, p_slope=to_p(self.p_slope))
 
     def ahead(self, change: Array) -> "Curve":
         """The curve extrapolated to first order in changes (v,) of its parameters."""

@@ -94,10 +94,11 @@ class KeptModel(Model):
         return solve
 
     def _start(self, theta: Array) -> Solution | None:
-        """The nearest solution, ahead to first order; for a model's first solve its parent's."""
+        """The nearest solution, ahead to first order; for a model's first solve its parent's, which may be of
+        half of its mesh."""
         model: Model = self
         near = self._nearest(theta)
-        if near is None and isinstance(self.parent, KeptModel) and self._is_as(self.parent):
+        if near is None and isinstance(self.parent, KeptModel):
             model, near = self.parent, self.parent._solves[-1] if self.parent._solves else None
         if near is None:
             return None

@@ -332,7 +332,7 @@ class Model:
         u, du, solution = respond(
             test,
             [direction[0] for key in moving if (direction := by_key[key])],
-            start=self._start(theta) if model is self else None,
+            start=self._start(theta),
             columns=True,
         )
         along, out = dict(zip(moving, du, strict=True)), {}
