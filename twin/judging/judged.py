@@ -5,7 +5,7 @@ constants judge another model, so the whitener is rebuilt at every fit, until fi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,24 +58,38 @@ class Fitted:
 class Judged(Fitted):
     """A fitted model and how it agrees, by the errors at its own fit.
 
-    predicted (s, p, 3) mm. jacobian (f, s, p, 3): its derivatives by the parameters that are free, those not
-    at a bound; fitted (n, f): the same whitened. errors: what the model states of its own. deviance: chi2 +
-    ln det of the data's covariance, -2 ln likelihood but for a constant, by which models with different
-    errors compare.
+    targets: those it is judged by. predicted (s, p, 3) mm. jacobian (f, s, p, 3): its derivatives by the
+    parameters that are free, those not at a bound; z (n,) and fitted (n, f): residual and derivatives
+    whitened. errors: what the model states of its own. deviance: chi2 + ln det of the data's covariance, -2
+    ln likelihood but for a constant, by which models with different errors compare. compared: its comparison,
+    once it was asked for.
     """
 
+    targets: Targets
     errors: ModelErrors
     whitener: Whitener
     predicted: Array
     jacobian: Array
-    comparison: Comparison
+    z: Array
     fitted: Array
     deviance: float
+    compared: list[Comparison] = field(default_factory=list, repr=False, compare=False)
 
     @property
-    def z(self) -> Array:
-        """The whitened residual (n,)."""
-        return self.comparison.whitened
+    def testable(self) -> bool:
+        """Whether there are more data than parameters."""
+        return self.whitener.count - self.fitted.shape[1] > len(self.at_bound)
+
+    @property
+    def comparison(self) -> Comparison:
+        """How it agrees, made when it is asked for: on its way a fit is not."""
+        if not self.compared:
+            names, bounded = free_names(self.fit), len(self.at_bound)
+            self.compared.append(
+                compare(self.targets, self.predicted, self.whitener, jacobian=self.jacobian,
+                        at_bound=bounded, names=names)
+            )  # fmt: skip
+        return self.compared[0]
 
 
 def free_names(fit: Fit) -> list[str]:
@@ -254,22 +268,19 @@ class _Task:
         return replace(best, fit=replace(best.fit, evaluations=done, converged=False, reason=reason))
 
     def judged(self, end: _End) -> Judged:
-        """The comparison of an end; parameters at a bound are free nowhere."""
+        """An end as it is judged; parameters at a bound are free nowhere."""
         free = [p.name not in end.fit.at_bound for p in end.fit.parameters]
         jacobian = self.model.jacobian(end.fit.theta)[free]
         targets, w = judged_by(self.targets, end.predicted, end.errors, end.whitener)
-        comparison = compare(
-            targets, end.predicted, w, jacobian=jacobian, at_bound=len(end.fit.at_bound),
-            names=free_names(end.fit),
-        )  # fmt: skip
         return Judged(
             model=self.model,
             fit=end.fit,
+            targets=targets,
             errors=end.errors,
             whitener=w,
             predicted=end.predicted,
             jacobian=jacobian,
-            comparison=comparison,
+            z=w.whiten(targets.value - end.predicted),
             fitted=w.whiten(jacobian).T,
             deviance=end.deviance,
         )

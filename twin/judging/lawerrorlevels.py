@@ -51,7 +51,6 @@ def levels(judged: Judged, targets: Targets, *, ahead: bool = True) -> tuple[Lev
     nonzero = eigenvalues > 1e-10 * max(float(eigenvalues.max(initial=0.0)), 1e-300)
     v = eigenvalues[nonzero]
     U = M @ eigenvectors[:, nonzero] / np.sqrt(v)
-    testable = not np.isnan(judged.comparison.p_value)  # else there are no more data than parameters
 
     def level(eps: float) -> Level:
         reduction = 1 - 1 / np.sqrt(1 + eps**2 * v)
@@ -68,7 +67,7 @@ def levels(judged: Judged, targets: Targets, *, ahead: bool = True) -> tuple[Lev
             deviance=float(residual @ residual + w.log_det + np.log1p(eps**2 * v).sum()),
             fitted=fitted,
             step=step,
-            p_value=lack_of_fit(targets, w, residual, fitted, functions) if testable else float("nan"),
+            p_value=lack_of_fit(targets, w, residual, fitted, functions) if judged.testable else float("nan"),
         )
 
     return tuple(map(level, LEVELS if laws else LEVELS[:1]))

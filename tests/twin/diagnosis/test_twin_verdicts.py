@@ -111,7 +111,7 @@ def test_an_effect_with_which_the_model_misses_more_is_not_named(monkeypatch: py
 
     def judge(*args: Any, **options: Any) -> Judged:
         found = judged.judge(*args, **options)
-        return replace(found, comparison=replace(found.comparison, raw_rms_mm=1e3))
+        return replace(found, compared=[replace(found.comparison, raw_rms_mm=1e3)])
 
     monkeypatch.setattr(procedure, "judge", judge)
     found = diagnosed(hidden)
