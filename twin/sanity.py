@@ -32,6 +32,7 @@ FAR = 0.2  # displacement over length from which a bent finger is drawn back
 FORTH = 0.25  # of u3^2 / length: more than any finger lengthens beside that
 APART, FASTER = 0.15, 1.5  # share of the length between two points; times more may the nearer one move
 LONG_H, MANY = 3.0, 50  # h and steps of a test whose times are likely in ms
+NODE_BYTES = 33e3  # of a solve, for each node (docs/records/engines.md)
 ON_PLANE_MM = 1e-6
 OFF_NODE_MM = 3.0  # a marker from its node: room for its thickness and for a rough reading
 
@@ -174,9 +175,9 @@ def motion_fault(targets: Targets, case: "Case", *, bends_down: bool) -> str:
 
 def doubts(targets: Targets, case: "Case") -> tuple[str, ...]:
     """Doubts about targets, one sentence each: points that may be exchanged, times in another unit, loads on
-    a body without weight, more errors than the memory holds."""
+    a body without weight, more errors than the memory holds, a mesh that it does not hold."""
     found = _overtaken(targets, case), _late(targets), _weightless(targets, case), _too_many(targets)
-    return tuple(filter(None, found))
+    return tuple(filter(None, (*found, _too_fine(case))))
 
 
 def _too_many(targets: Targets) -> str:
@@ -190,6 +191,18 @@ def _too_many(targets: Targets) -> str:
         f"{wanted / 1e9:.0f} GB, where this computer has {most / 1e9:.0f} GB. State fewer `steps` under "
         "[measure] of twin.toml, or leave them out, which keeps as many as a fit holds in "
         f"{MOST_BYTES / 1e9:.0f} GB, and measure again."
+    )
+
+
+def _too_fine(case: "Case") -> str:
+    """Doubt about a mesh whose solve this computer cannot hold."""
+    nodes, most = len(case.nodes), memory_of_computer()
+    if NODE_BYTES * nodes < most:
+        return ""
+    return (
+        f"A solve of the {nodes} nodes of this mesh takes some {NODE_BYTES * nodes / 1e9:.0f} GB, where this "
+        f"computer has {most / 1e9:.0f} GB. State a smaller `mesh` under "
+        "[model] of twin.toml, or a coarser deck."
     )
 
 

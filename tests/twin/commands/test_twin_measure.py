@@ -152,6 +152,25 @@ def test_film_and_log_become_targets(project, measured):
     assert tracks["methods"].tolist()[:2] == ["lost", "registered"]
 
 
+@pytest.mark.parametrize("stated", [False, True])
+def test_steps_that_memory_leaves_are_told_and_stated_ones_are_taken(project, measured, monkeypatch, stated):
+    asked, drawn = [], vision.measure
+
+    def measure(views, marks, *, steps, **how):
+        asked.append(steps)
+        moved = drawn(views, marks, steps=lambda names, values, rest: 2000, **how)
+        return dataclasses.replace(moved, most_steps=FRAMES - 1)
+
+    monkeypatch.setattr(vision, "measure", measure)
+    if stated:
+        project = edit(project, "[measure]", "[measure]\nsteps = 59")
+    run_camera(project, Lines())
+    say = Lines()
+    run_measure(project, say)
+    assert [line for line in say.lines if "leave room for no more" in line] == ([] if stated else [say.lines[-2]])
+    assert asked == [59] if stated else asked[0]([f"codec:{k}" for k in range(2000)], 200, 40) < 200
+
+
 def test_a_rolling_shutter_is_stated_as_an_error_and_not_corrected(project, measured, monkeypatch):
     """28 ms over 720 rows: a tip at row 630 is read 10.5 ms late, at 10 mm/s 0.105 mm; none in the middle."""
     inner = vision.measure
