@@ -1,6 +1,6 @@
 """The memory that a fit needs for the errors of targets, and how many steps that leaves to them."""
 
-HELD = 7.0  # times the shared errors of all values are in memory during a fit (docs/records/engines.md)
+HELD = 7.0  # times the shared errors of all values are in memory during a fit; 9 with those of walls and laws
 FILTERED = 3.0  # times the noise's filter, a matrix of all components in each step
 MOST_BYTES = 3e9  # of a fit: with all that a program takes beside it, below 4 GB
 MOST_STEPS = 2000  # a film of a minute
