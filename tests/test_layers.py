@@ -178,7 +178,7 @@ def test_a_circle_of_rooms_is_seen() -> None:
         TopologicalSorter(rooms("fe", imported)).prepare()
 
 
-GROUND_FLOOR = {"table", "targets", "gravity", "sanity", "tablemodel", "marktables", "validation", "records", "files", "csvtable", "messages", "numerals", "effort"}
+GROUND_FLOOR = {"table", "targets", "gravity", "sanity", "fitmemory", "tablemodel", "marktables", "validation", "records", "files", "csvtable", "messages", "numerals", "effort"}
 ENGINE = GROUND_FLOOR | {
     "laws", "effects", "bodies", "model", "contract", "executors", "judging", "gauge", "coupons", "review",
     "virtual", "experiments", "ringing", "formats", "drawing", "diagnosis", "calibrated", "foreign", "assets",

@@ -8,6 +8,7 @@ These names are what a notebook (docs/python.md) and a file of your own effect (
 is imported when it is first used, so that `import twin` stays quick.
 
 Beside the rooms lie `targets`, the measurement as arrays; `gravity` and `sanity`, what targets obey;
+`fitmemory`, how many steps of them a fit holds;
 `tablemodel`, the kinds of values in tables of TOML, and `validation`, which checks them; `marktables`,
 points and markers; `records`, the base of JSON files; `files`, which writes every file whole or not at all;
 `csvtable`, the reader of CSV, and `table`, rows as lines, CSV or a DataFrame; `messages` to the user;

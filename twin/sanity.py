@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twin.fitmemory import MOST_BYTES, bytes_of
 from twin.laws.law import STRETCH, Constants
 from twin.laws.mooneyrivlin import LEAST_SHARE, MOONEY_RIVLIN
 from twin.targets import Array, PointKind, Targets
@@ -31,7 +32,7 @@ FAR = 0.2  # displacement over length from which a bent finger is drawn back
 FORTH = 0.25  # of u3^2 / length: more than any finger lengthens beside that
 APART, FASTER = 0.15, 1.5  # share of the length between two points; times more may the nearer one move
 LONG_H, MANY = 3.0, 50  # h and steps of a test whose times are likely in ms
-HELD = 7  # times the shared errors of all values are in memory during a fit (docs/records/engines.md)
+NODE_BYTES = 33e3  # of a solve, for each node (docs/records/engines.md)
 ON_PLANE_MM = 1e-6
 OFF_NODE_MM = 3.0  # a marker from its node: room for its thickness and for a rough reading
 
@@ -174,21 +175,34 @@ def motion_fault(targets: Targets, case: "Case", *, bends_down: bool) -> str:
 
 def doubts(targets: Targets, case: "Case") -> tuple[str, ...]:
     """Doubts about targets, one sentence each: points that may be exchanged, times in another unit, loads on
-    a body without weight, more errors than the memory holds."""
+    a body without weight, more errors than the memory holds, a mesh that it does not hold."""
     found = _overtaken(targets, case), _late(targets), _weightless(targets, case), _too_many(targets)
-    return tuple(filter(None, found))
+    return tuple(filter(None, (*found, _too_fine(case))))
 
 
 def _too_many(targets: Targets) -> str:
     """Doubt about targets whose shared errors a fit cannot hold in the memory of this computer."""
     values, errors, most = int(targets.valid.sum()), len(targets.modes), memory_of_computer()
-    wanted = HELD * 8.0 * errors * values  # bytes
+    wanted = bytes_of(values, int(targets.valid.any(axis=0).sum()), errors)
     if wanted < most:
         return ""
     return (
         f"A fit of these targets holds {errors} errors that many of their {values} values share: some "
         f"{wanted / 1e9:.0f} GB, where this computer has {most / 1e9:.0f} GB. State fewer `steps` under "
-        "[measure] of twin.toml and measure again."
+        "[measure] of twin.toml, or leave them out, which keeps as many as a fit holds in "
+        f"{MOST_BYTES / 1e9:.0f} GB, and measure again."
+    )
+
+
+def _too_fine(case: "Case") -> str:
+    """Doubt about a mesh whose solve this computer cannot hold."""
+    nodes, most = len(case.nodes), memory_of_computer()
+    if NODE_BYTES * nodes < most:
+        return ""
+    return (
+        f"A solve of the {nodes} nodes of this mesh takes some {NODE_BYTES * nodes / 1e9:.0f} GB, where this "
+        f"computer has {most / 1e9:.0f} GB. State a smaller `mesh` under "
+        "[model] of twin.toml, or a coarser deck."
     )
 
 

@@ -6,7 +6,7 @@ The targets of a calibrated project are repeated in time, in one block or in as 
 themselves. Errors that a film shares grow with it, those of one stretch of time or one marker come once for
 each. Counted is what every fit asks of them once, in seconds of the processor: the whitener, its determinant,
 residual and derivatives whitened, and the error of a right model. Each in a process of its own; --quick stops
-at twice as many.
+at twice as many. The last rows are of as many markers and so many steps as `twin measure` keeps of them.
 """
 
 import json
@@ -25,13 +25,14 @@ import numpy as np
 
 from twin.bench.fits import newest_fit
 from twin.bench.workbench import Workbench
+from twin.fitmemory import steps_held
 from twin.judging.fitting import ModelErrors
 from twin.messages import Silent
 from twin.project.folder import Project
 from twin.targets import Array, Targets
 
-TIMES = (1, 2, 4)
-FRAMES, MARKERS, BLOCKS = "frames", "markers", "blocks"
+TIMES = {"frames": (1, 2, 4), "markers": (1, 2, 4), "blocks": (1, 2, 4), "kept steps": (4, 8, 16)}
+FRAMES, MARKERS, BLOCKS, KEPT = TIMES
 
 
 def repeated(modes: Array, times: int, axis: int) -> tuple[Array, list[int]]:
@@ -73,6 +74,22 @@ def longer(t: Targets, times: int, what: str) -> Targets:
     return replace(t, **common)
 
 
+def kept(t: Targets, times: int) -> Array:
+    """The steps that are kept where there are so many times the markers."""
+    few = longer(shorter(t, t.reference), times, MARKERS)
+    components = int(few.valid.any(axis=0).sum())
+    most = steps_held(components, len(few.modes), rest=len(t.reference))
+    even = np.linspace(0, len(t.time) - 1, min(most, len(t.time)))
+    return np.union1d(even.round().astype(int), t.reference)
+
+
+def shorter(t: Targets, steps: Array) -> Targets:
+    """Targets of some steps, those of the reference among them."""
+    of_steps = ("time", "pressure", "block", "value", "covariance", "valid", "held_out", "pressure_sd")
+    some: dict[str, Any] = {name: getattr(t, name)[steps] for name in of_steps}
+    return replace(t, modes=t.modes[:, steps], reference=np.searchsorted(steps, t.reference), **some)
+
+
 def repeat(x: Array, times: int, axis: int) -> Array:
     """An array so many times along an axis."""
     return np.concatenate([x] * times, axis=axis)
@@ -82,11 +99,13 @@ def cost(project: Path, times: int, what: str) -> dict[str, float]:
     """Processor seconds and peak memory of the errors of targets that are so many times as long or wide."""
     bench, fit = Workbench.of(Project.open(project)), newest_fit(Project.open(project))
     model = bench.on_mesh(bench.model(), fit.theta, Silent())
-    errors, t = ModelErrors.of(model, fit.theta, bench.targets), longer(bench.targets, times, what)
+    t, errors = bench.targets, ModelErrors.of(model, fit.theta, bench.targets)
     u, jacobian = model.predict(fit.theta), model.jacobian(fit.theta)
-    axis = 1 if what == MARKERS else 0
-    gauge, u = (repeat(x, times, axis) for x in (errors.gauge, u))
-    modes, jacobian = (repeat(x, times, axis + 1) for x in (errors.modes, jacobian))
+    steps = kept(t, times) if what == KEPT else np.arange(len(t.time))
+    axis = 1 if what in (MARKERS, KEPT) else 0
+    t = longer(shorter(t, steps), times, MARKERS if axis else what)
+    gauge, u = (repeat(x[steps], times, axis) for x in (errors.gauge, u))
+    modes, jacobian = (repeat(x[:, steps], times, axis + 1) for x in (errors.modes, jacobian))
     began = processor()
     w = ModelErrors(gauge=gauge, modes=modes, names=errors.names).whitener(t)
     _ = w.log_det, w.whiten(t.value - u), w.whiten(jacobian)
@@ -113,9 +132,9 @@ def main() -> int:
         print(json.dumps(cost(typed.project, *json.loads(typed.one))))
         return 0
     found: dict[str, Any] = {}
-    for what in (FRAMES, MARKERS, BLOCKS):
+    for what, every in TIMES.items():
         rows = []
-        for times in TIMES[: 2 if typed.quick else None]:
+        for times in every[: 2 if typed.quick else None]:
             command = [sys.executable, __file__, str(typed.project), "--one", json.dumps([times, what])]
             done = subprocess.run(command, capture_output=True, text=True, check=True)
             rows.append(json.loads(done.stdout.splitlines()[-1]))

@@ -46,6 +46,7 @@ from vision.film.checkpoint import EVERY
 Array = NDArray[np.float64]
 RATE, JITTER_S = 30, 0.002  # 1/s, s
 REST_S, PERIOD_S, LOOP_S = 2.0, 3.0, 18.0  # s
+TOP_MPA = 0.03  # that bends it most
 TICKS = 90000  # of the clock, 1/s
 STATIC = 300  # frames
 NOISE = 2.0  # grey levels
@@ -162,7 +163,9 @@ def project(root: Path, minutes: float, films: Path) -> None:
     storage.write("distortion_coefficients", camera().distortion)
     storage.release()
     stamps = np.arange(-1.0, frames / RATE + 1.0, 0.02)
-    log = "".join(f"{t:.2f},{1e-5 * (i % 3):.6f}\n" for i, t in enumerate(stamps))
+    bends = np.where(stamps > REST_S, np.sin(np.pi * (stamps - REST_S) / PERIOD_S) ** 2, 0.0)
+    shown = TOP_MPA * bends + 1e-5 * (np.arange(len(stamps)) % 3)
+    log = "".join(f"{t:.2f},{p:.6f}\n" for t, p in zip(stamps, shown, strict=True))
     files.write_text(raw / "pressure.csv", "time_s,pressure_MPa\n" + log)
     files.write_text(root / "twin.toml", dump(config()))
 

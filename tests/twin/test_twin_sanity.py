@@ -181,6 +181,20 @@ def test_more_shared_errors_than_the_memory_holds_are_told_before_the_fit(
         says(found[0], f"{count} errors", "3 GB", "fewer `steps` under [measure]")
 
 
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_mesh_that_the_memory_does_not_hold_is_told_before_it_is_solved(
+    moving: Targets, short_case: Case, monkeypatch: pytest.MonkeyPatch, share: float
+) -> None:
+    monkeypatch.setattr(sanity, "memory_of_computer", lambda: 32e9)
+    nodes = round(share * 32e9 / sanity.NODE_BYTES)
+    fine = replace(short_case, nodes=np.broadcast_to(short_case.nodes[0], (nodes, 3)))  # takes no memory itself
+    found = sanity._too_fine(fine)
+    assert bool(found) == (share > 1)
+    if found:
+        says(found, f"{nodes} nodes", "35 GB", "this computer has 32 GB", "`mesh` under [model]")
+    assert not doubts(moving, short_case)
+
+
 def test_the_memory_of_this_computer_is_plausible() -> None:
     assert sanity.memory_of_computer() > 5e8
 

@@ -20,6 +20,7 @@ from twin.gauge.synchrony import Join, Motion
 from twin.inputs.cameras import camera_path, camera_table, dictionary_name, lens_of, result_of
 from twin.inputs.elsewhere import import_inputs, import_targets
 from twin.inputs.films import FILM, FilmTargets, OneFilm, all_inputs, films_of, joined
+from twin.inputs.filmsteps import room, said_of_steps
 from twin.inputs.filmtargets import make_targets, read_late, said_of_log_rate, said_of_readout
 from twin.inputs.outlines import SeenOutline, outline_tells, seen_outline
 from twin.inputs.recordings import (
@@ -128,7 +129,8 @@ def _measured(project: Project, say: Say, replace: bool, renew: bool) -> dict[st
             f"{project.targets_folder} holds targets {_not_of_now(done, why, owner)}, which are never "
             "overwritten; `twin measure --replace` keeps them as targets-0001 and measures again"
         )
-    each = [(film, _one_film(film.project, camera, say, film.name, anew=there)) for film in films_of(project)]
+    films = films_of(project)
+    each = [(film, _one_film(film, len(films), camera, say, anew=there)) for film in films]
     with project.new_run("measure", **how) as run:
         source = SourceRecord(run=run.name)
         if foreign:
@@ -163,9 +165,9 @@ def _from_foreign(project: Project, say: Say, run: Run) -> tuple[Targets, tuple[
     return targets, tuple(row.model_copy(update={"run": run.name}) for row in rows)
 
 
-def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
-    """The targets of a film; tracks, error budget and summary are written into the run."""
-    measured = _measure(project, camera, say, run)
+def _from_film(project: Project, camera: Path, say: Say, run: Run, *, films: int = 1) -> Targets:
+    """The targets of one of so many films; tracks, error budget and summary are written into the run."""
+    measured = _measure(project, camera, say, run, films)
     moved, nodes, readout_ms = measured.moved, project.config.nodes, camera_table(project).readout_ms
     late = read_late(moved, measured.film, readout_ms)
     targets, scattered = with_own_coding(
@@ -175,7 +177,8 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     run.write_bytes("overlay.png", _overlay(project, moved))
     run.write_text("budget.csv", _budget_csv(moved, targets))
     _write_strain(run, moved, lens_of(project, camera_table(project)).size)
-    remarks = (*said_of_readout(targets, readout_ms), *said_of_log_rate(targets))
+    kept = said_of_steps(moved, stated=project.config.measure.steps is not None)
+    remarks = (*kept, *said_of_readout(targets, readout_ms), *said_of_log_rate(targets))
     run.summary.update(_summary(targets, measured, remarks))
     run.summary["coding"] = [*moved.coding, *filter(None, [scattered])]
     for sentence in (*moved.notes, *run.summary["coding"]):
@@ -184,15 +187,16 @@ def _from_film(project: Project, camera: Path, say: Say, run: Run) -> Targets:
     return targets
 
 
-def _one_film(project: Project, camera: Path, say: Say, name: str, *, anew: bool) -> Path:
+def _one_film(film: OneFilm, films: int, camera: Path, say: Say, *, anew: bool) -> Path:
     """Run folder of the measurement of a film of several; an earlier one serves unless `anew`."""
+    project, name = film.project, film.name
     how = measure_inputs(project, camera)
     done = None if anew else project.done(FILM, **how)
     if done is not None and (done / "targets").is_dir():
         say(f"Film {name}: already measured in {project.shown(done)}.")
         return done
     with project.new_run(FILM, **how) as run:
-        targets = _from_film(project, camera, say, run)
+        targets = _from_film(project, camera, say, run, films=films)
         if run.path("targets").exists():  # of a killed run
             shutil.rmtree(run.path("targets"))
         write_targets(run.path("targets"), targets)
@@ -232,7 +236,7 @@ def _check_motion(project: Project, targets: Targets) -> None:
     check_plausible(project, targets, structure_of(project).case)
 
 
-def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
+def _measure(project: Project, camera: Path, say: Say, run: Run, films: int) -> _Measured:
     """Displacements, log, gauge noise and join; the log is checked before the film is measured."""
     from vision import measure
 
@@ -252,14 +256,14 @@ def _measure(project: Project, camera: Path, say: Say, run: Run) -> _Measured:
         return measure(
             views, marks_of(project, pose), reference=settings.reference_s, rig=rig, face=face_of(project),
             dictionary=dictionary_name(project, table.dictionary), stated=stated_of(project, errors),
-            steps=settings.steps, progress=say.progress, keeper=FollowedFiles(run.folder),
+            steps=settings.steps or room(films), progress=say.progress, keeper=FollowedFiles(run.folder),
         )  # fmt: skip
 
     joining = joining_of(pressure, table)
-    join = joining.join(views[0].film, log, lambda: _motion(moved(), settings.steps))
+    join = joining.join(views[0].film, log, lambda: _motion(moved()))
     gauge = gauge_of(project, views[0].film.time, views[0].static.time, log, join.start_s)
     log_remarks = said_of_log(project, views[0].film.time, log, join.start_s)
-    motion = _motion(moved(), settings.steps)
+    motion = _motion(moved())
     agrees = check_agrees(motion, log, join.start_s, stated=pressure.join == "stamps")
     late, note = check_clock(motion, log, join, by=pressure.join)
     run.note(note)
@@ -293,13 +297,13 @@ def _even(moved: "Displacements", most: int) -> NDArray[np.bool_]:
     return np.isin(frames, even_steps(len(moved.tracks.time), most))
 
 
-def _motion(moved: "Displacements", most: int) -> Motion:
+def _motion(moved: "Displacements") -> Motion:
     """The rms displacement of the finger's marks at even steps, NaN where one is lost, and its noise."""
     finger = [p for p, role in enumerate(moved.roles) if role == "finger"]
     squares = (moved.value[:, finger][..., [0, 2]] ** 2).sum(axis=2)
     seen = np.isfinite(squares).all(axis=1)
     mm = np.sqrt(np.where(seen[:, None], np.nan_to_num(squares), 0.0).mean(axis=1))
-    even = _even(moved, most)
+    even = _even(moved, moved.most_steps)
     return Motion(
         (moved.time - moved.time[0])[even],
         np.where(seen, mm, np.nan)[even],

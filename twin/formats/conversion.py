@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.fitmemory import MOST_BYTES, MOST_STEPS, steps_held
 from twin.formats.basemotion import BASE, settling_rows, without_base
 from twin.formats.importtable import ImportTable
 from twin.formats.lostpoints import identity_faults
@@ -30,7 +31,6 @@ from twin.judging.stillnoise import mean_variance, stated_noise, still_noise
 from twin.marktables import PointTable
 from twin.targets import Array, Noise, PointKind, TargetPoint, Targets, as_position, at_node
 
-MOST_STEPS = 2000  # as `steps` under [measure] of twin.toml
 MOST_MODES = 90  # of references: with more points their error counts as one of each value
 OFTEN = 0.9  # share of the rows in which a point is seen whose motion is compared with the pressure
 COARSE_S = 0.25  # rows farther apart cannot tell another rate from a line that lags
@@ -47,13 +47,14 @@ NO_COURSE = (
 
 
 def targets_of(
-    recorded: Recorded, table: ImportTable, points: Sequence[PointTable], *, log: Path | None = None
+    recorded: Recorded, table: ImportTable, points: Sequence[PointTable], *, log: Path | None = None,
+    parts: int = 1,
 ) -> tuple[Targets, list[str]]:
     """Targets of one block, and remarks for the user, one sentence each.
 
     points: those of twin.toml, by their names in the file. One that is none of them is left out, or with an
     origin taken for a point between nodes.   log: the path of the log that `table` names. ValueError names
-    what is missing or does not fit.
+    what is missing or does not fit.   parts: recordings that are fitted together.
     """
     check_stated(recorded, table, log)
     position = turned(recorded.position * mm_per_unit(recorded, table), table.axes or recorded.axes)
@@ -62,11 +63,12 @@ def targets_of(
     course = read_course(recorded, table, time, log)
     position, time, pressure = (_after(table.first_step, x) for x in (position, time, pressure))
     rest = np.arange(min(table.rest_steps, len(position)))
-    keep = np.union1d(_even(len(position)), rest)
     mean = _at_rest(position, rest)
     target_points, chosen, remarks = _points(recorded, table, mean, {point.name: point for point in points})
     position, base_sd, told_of_base = _of_base(recorded, table, position, mean, chosen)
     every = (position - mean)[:, chosen]
+    most = _most_steps(every, table, len(rest), parts)
+    keep = np.union1d(_even(len(position), most), rest)
     noise = _noise(every, pressure, table, thinned=len(position) / len(keep))
     noise = replace(noise, sd=np.hypot(noise.sd, base_sd[chosen]))
     scale_sd = table.scale_sd if recorded.unit == PIXEL else None
@@ -84,7 +86,7 @@ def targets_of(
     across = across_doubt(moved, table.axes or recorded.axes)
     remarks += [*_identities(recorded, position[:, chosen], chosen, time), *filter(None, (across, doubt))]
     remarks += [*told_of_base, *_agreement(moved, time, course, noise, table)]
-    sentences = [*_said(recorded, keep, len(position)), *remarks, *told]
+    sentences = [*_said(recorded, len(keep), len(position), most), *remarks, *told]
     return targets, [*sentences, *([] if targets.has_log or table.top_kPa is not None else [NO_COURSE])]
 
 
@@ -298,13 +300,21 @@ def _at_rest(position: Array, rest: NDArray[Any]) -> Array:
     return np.where(seen.any(axis=0), total / np.maximum(seen.sum(axis=0), 1), np.nan)
 
 
-def _even(steps: int) -> NDArray[np.int64]:
-    """Numbers of at most MOST_STEPS evenly spaced steps."""
-    return np.unique(np.linspace(0, steps - 1, min(steps, MOST_STEPS)).round().astype(np.int64))
+def _even(steps: int, most: int) -> NDArray[np.int64]:
+    """Numbers of at most so many evenly spaced steps."""
+    return np.unique(np.linspace(0, steps - 1, min(steps, most)).round().astype(np.int64))
 
 
-def _said(recorded: Recorded, keep: NDArray[np.int64], steps: int) -> list[str]:
-    thinned = f"{len(keep)} of {steps} steps are kept, evenly spaced." if len(keep) < steps else ""
+def _most_steps(every: Array, table: ImportTable, rest: int, parts: int) -> int:
+    """Most evenly spaced steps of displacements (s,p,3) whose errors a fit of so many parts holds."""
+    components, points = int(np.isfinite(every).any(axis=0).sum()), every.shape[1]
+    errors = 1 + 3 * points * (bool(table.hold_sd_mm) + (3 * points <= MOST_MODES))
+    return steps_held(components, parts * errors, rest=rest, parts=parts)
+
+
+def _said(recorded: Recorded, kept: int, steps: int, most: int) -> list[str]:
+    room = f": a fit of so many points holds no more in {MOST_BYTES / 1e9:.0f} GB" * (most < MOST_STEPS)
+    thinned = f"{kept} of {steps} steps are kept, evenly spaced{room}." if kept < steps else ""
     all_of_them = recorded.position.shape[0] * recorded.position.shape[1]
     missing = f"{recorded.missing} of {all_of_them} positions have {recorded.doubt}: they count as not seen."
     return [s for s in (thinned, missing if recorded.missing else "", *recorded.remarks) if s]

@@ -40,7 +40,7 @@ def import_targets(project: Project, say: Say) -> tuple[Targets, tuple[SourceFil
     for table, points in zip(tables, found, strict=True):
         log = None if table.log is None else project.path(table.log)
         try:
-            targets, remarks = targets_of(points, table, project.config.points, log=log)
+            targets, remarks = targets_of(points, table, project.config.points, log=log, parts=len(tables))
         except ValueError as error:
             raise ValueError(f"{table.name}: {error}" if len(tables) > 1 else str(error)) from None
         for sentence in remarks:

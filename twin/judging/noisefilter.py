@@ -159,14 +159,15 @@ class NoiseFilter:
 
     def innovations(self, y: Array) -> Array:
         """Independent values (..., n) of fields y (..., s, m); 0 where no data."""
-        fields = np.moveaxis(np.where(self.valid, y, 0.0).reshape(-1, *self.valid.shape), 0, 2)  # (s, m, k)
-        out, x = np.zeros_like(fields), np.zeros(fields.shape[1:])
+        fields = y.reshape(-1, *self.valid.shape)  # (k, s, m): all modes of a film take half of its memory
+        out, x = np.empty(fields.shape), np.zeros((fields.shape[2], len(fields)))
         for t, (turn, gain) in enumerate(zip(*self.gains, strict=True)):
             x = np.zeros_like(x) if self.first[t] else self._later(t, x)
             x = np.where(np.abs(x) > 1e-100, x, 0.0)  # of long ago; its squares would underflow
-            out[t] = turn @ (fields[t] - x)
-            x = x + gain @ out[t]
-        return np.moveaxis(out, 2, 0).reshape(*y.shape[:-2], out.shape[0] * out.shape[1])
+            new = turn @ (np.where(self.valid[t], fields[:, t], 0.0).T - x)
+            x = x + gain @ new
+            out[:, t] = new.T
+        return out.reshape(*y.shape[:-2], self.valid.size)
 
 
 _made: list[tuple[Targets, NDArray[np.bool_] | None, NoiseFilter]] = []  # the last ones; a fit asks for one

@@ -26,6 +26,7 @@ LAW = "law:"  # and an effect: the name of a mode that is an error of its law
 PLAUSIBLE = 3.0  # sd of a shared error beyond which none is taken off: what is left belongs to the model
 MESH_MODE = "mesh"  # the name of a mode of the model that has no other
 OWN = "gauge:reference"  # the name of a mode that belongs to one film alone
+CHUNK = 64  # fields whose noise is in memory at a time
 
 
 @dataclass(frozen=True)
@@ -132,13 +133,13 @@ class Whitener:
         return np.asarray(self._whitened_modes @ self._whitened_modes.T, float)
 
     @cached_property
-    def _axes(self) -> tuple[Array, Array]:
-        """Orthonormal directions (n, r) in which the modes add variance, and the modes' sizes (r,) there."""
-        G = self._whitened_modes
-        sizes, vectors = np.linalg.eigh(self._gram)
-        keep = sizes > 1e-13 * max(sizes.max(initial=0.0), 1e-300)
-        root = np.sqrt(sizes[keep])
-        return (G.T @ vectors[:, keep]) / root, root
+    def _spectrum(self) -> tuple[Array, Array]:
+        """The variances (r,) that the modes add in orthonormal directions, and what takes them off (k, k): of
+        innovations z (n,) and G of the modes, z - G'S G z has variance 1."""
+        added, vectors = np.linalg.eigh(self._gram)
+        keep = added > 1e-13 * max(added.max(initial=0.0), 1e-300)
+        added, vectors = added[keep], vectors[:, keep]
+        return added, (vectors * (1 - 1 / np.sqrt(1 + added)) / added) @ vectors.T
 
     def whiten(self, field: Array) -> Array:
         """W applied to fields (..., s, p, 3) mm: values (..., n) of variance 1 where the field is noise."""
@@ -148,12 +149,12 @@ class Whitener:
     def log_det(self) -> float:
         """ln det of the covariance in mm2 of the values that are data: of their innovations, and what
         the modes add, ln det(1 + G'G) (matrix determinant lemma)."""
-        return float(np.log1p(self._axes[1] ** 2).sum()) + self.noise.log_det
+        return float(np.log1p(self._spectrum[0]).sum()) + self.noise.log_det
 
     def rewhitened(self, z: Array) -> Array:
         """Innovations (..., n) with the variance of the modes taken off their directions."""
-        axes, sizes = self._axes
-        return np.asarray(z - (z @ axes) * (1 - 1 / np.sqrt(1 + sizes**2)) @ axes.T, float)
+        G = self._whitened_modes
+        return np.asarray(z - (z @ G.T) @ self._spectrum[1] @ G, float)
 
     def along_gauge(self, z: Array) -> tuple[float, int]:
         """The chi2 of whitened values (n,) along the gauge's errors, one direction a step: that in which they
@@ -237,8 +238,8 @@ class Whitener:
         w = self.without_laws
         walls, rest = w.modes[: w.shared][w.of_walls], w._without(w.of_walls)
         covariance, _ = rest._estimated(jacobian, w.mode_innovations[: w.shared][w.of_walls])
-        fields = np.concatenate([rest.modes, w._fields(jacobian), walls])
-        inner = np.eye(len(fields))
+        fields = rest.modes, w._fields(jacobian), walls
+        inner = np.eye(sum(map(len, fields)))
         inner[len(rest.modes) :, len(rest.modes) :] = -covariance
         return rest._spread(fields, inner)
 
@@ -257,7 +258,7 @@ class Whitener:
         common = [k for k, name in enumerate(w.names) if name != OWN and k < seen.shared]
         taken = covariance @ columns @ seen.rewhitened(seen.mode_innovations[common]).T
         inner[count:, common], inner[np.ix_(common, range(count, len(inner)))] = -taken, -taken.T
-        return w._spread(np.concatenate([w.modes, w._fields(jacobian)]), inner)
+        return w._spread((w.modes, w._fields(jacobian)), inner)
 
     def _fields(self, jacobian: Array) -> Array:
         """The values (d, s, m) mm of derivatives (d, s, p, 3), 0 where no data."""
@@ -272,14 +273,20 @@ class Whitener:
         covariance = np.linalg.pinv(columns @ columns.T + prior, rcond=1e-12, hermitian=True)
         return np.asarray(covariance, float), columns
 
-    def _spread(self, fields: Array, inner: Array) -> "Expected":
+    def _spread(self, fields: Sequence[Array], inner: Array) -> "Expected":
         """The root mean square in mm of values, and its 95 % band.
 
-        Their covariance is N + A' S A: N of the noise, S = inner (k, k) of the fields A (k, s, m) mm.
+        Their covariance is N + A' S A: N of the noise, S = inner (k, k) of the fields A (k, s, m) mm, which
+        come in parts, and are taken CHUNK at a time, as all of them are large.
         """
-        flat = fields.reshape(len(fields), self.valid.size)
-        noised = self.noise.covariance_times(fields).reshape(flat.shape)
-        gram, between = flat @ flat.T, flat @ noised.T
+        parts = [part.reshape(len(part), self.valid.size) for part in fields]
+        columns = [np.zeros((len(inner), 0))]
+        for part in fields:
+            for chunk in (part[k : k + CHUNK] for k in range(0, len(part), CHUNK)):
+                both = np.concatenate([chunk, self.noise.covariance_times(chunk)])
+                columns.append(np.concatenate([p @ both.reshape(len(both), -1).T for p in parts]))
+        gram = np.concatenate([c[:, : c.shape[1] // 2] for c in columns], axis=1)
+        between = np.concatenate([c[:, c.shape[1] // 2 :] for c in columns], axis=1)
         product = inner @ gram
         trace = self.noise.trace + float(np.trace(product))
         square = self.noise.trace_of_square
@@ -344,9 +351,10 @@ def whitener(
     p, i = noise.components.T
     own = np.nan_to_num(gauge[:, p, i])
     shared, single = _gauge_modes(own, targets.reference, targets.rests)
-    modes = np.concatenate([targets.modes[:, :, p, i], prediction_modes[:, :, p, i], shared])
-    count, modes = len(modes), np.concatenate([modes, single])
-    modes = np.where(noise.valid, np.nan_to_num(modes), 0.0)
+    parts = (targets.modes[:, :, p, i], prediction_modes[:, :, p, i], shared, single)
+    modes, count = np.concatenate(parts), sum(map(len, parts[:3]))
+    del parts  # the modes of a film are large
+    modes[~(np.isfinite(modes) & noise.valid)] = 0.0
     names = *targets.mode_names, *(names or (MESH_MODE,) * len(prediction_modes)), *(OWN,) * len(shared)
     alone = np.isin(np.arange(len(own)), targets.reference, invert=True)[:, None]
     noise = noise.with_gauge(np.where(alone, own, 0.0))

@@ -203,10 +203,11 @@ class MeasureTable(TableModel):
         default=1.8,
         description="rest at the start of the film that displacements are relative to, s",
     )
-    steps: int = Field(
-        default=2000,
+    steps: int | None = Field(
+        default=None,
         ge=2,
-        description="largest number of evenly spaced frames kept as targets; tracking uses every frame",
+        description="largest number of evenly spaced frames kept as targets, by default as many as a fit "
+        "holds in 3 GB, 2000 at most; tracking uses every frame",
     )
     corrections: RelativePath | None = Field(
         default=None,

@@ -19,12 +19,13 @@ from vision.following.markrotations import mean_seen
 from vision.following.tracks import Method, Tracks
 from vision.marks import Mark, check_names, rows_of
 from vision.measuring.face import Face, with_face
+from vision.measuring.keptsteps import Room, placed_steps
 from vision.measuring.strains import StrainField, strain_field
 from vision.placing.multicamera import in_space
 from vision.placing.planeerrors import principal
 from vision.placing.restplaces import at_rest, located
 from vision.placing.singlecamera import MAX_DEPTH_MM, in_plane
-from vision.placing.views import How, Seen, View, check_static, look, steps_of
+from vision.placing.views import How, Seen, View, check_static, look
 from vision.plane import MIN_VISIBLE
 
 MIN_FRAME, MIN_FIXED = 6, 4
@@ -59,6 +60,7 @@ class Displacements:
     remarks: tuple[str, ...]  # what the user should check or change
     notes: tuple[str, ...] = ()  # what was done without asking anything of the user: for a log
     strain: StrainField | None = None  # of a speckled face
+    most_steps: int = STEPS  # of evenly spaced ones; those of the reference stand beside them
     coding: tuple[str, ...] = ()  # how films were coded, in sentences: of the budget's codec row
 
 
@@ -72,7 +74,7 @@ def measure(
     face: Face | None = None,
     dictionary: str = "DICT_4X4_50",
     stated: Stated = Stated(),  # noqa: B008 - frozen
-    steps: int = STEPS,
+    steps: int | Room = STEPS,
     progress: Progress | None = None,
     keeper: Keeper | None = None,
 ) -> Displacements:
@@ -83,8 +85,9 @@ def measure(
     rig: how several cameras, those of the views, stand to each other, from `stereo.calibrate_rig`.
     face: where one camera sees speckles, as `vision.measuring.face.Face`; its points follow the marks.
     dictionary: of the markers, a name or a file.   stated: how well the rig is known.
-    steps: number of evenly spaced frames that are given out, besides all of the reference; tracking always
-    uses every frame.   progress: called with (stage, frames done, frames in all).
+    steps: number of evenly spaced frames that are given out, besides all of the reference, or what tells it
+    from the errors; tracking always uses every frame.
+    progress: called with (stage, frames done, frames in all).
     keeper: keeps what was followed, so that a killed measurement goes on where it was, bit for bit.
 
     Raises ValueError for marks that do not suffice or share ids, for a static film that is too short or shows
@@ -114,15 +117,17 @@ def displacements_of(
     *,
     rig: Rig | None = None,
     stated: Stated = Stated(),  # noqa: B008 - frozen
-    steps: int = STEPS,
+    steps: int | Room = STEPS,
 ) -> Displacements:
     """Displacements from what was followed in the films, as `measure` gives them."""
-    chosen = steps_of(seen[0].film, steps)
-    if rig is None:
-        placed = in_plane(seen[0], marks, stated, chosen)
-    else:
-        placed = in_space(seen, rig, marks, stated, chosen)
-    return _record(placed, seen, marks, chosen, stated)
+
+    def place(frames: NDArray[np.intp]) -> Placed:
+        if rig is None:
+            return in_plane(seen[0], marks, stated, frames)
+        return in_space(seen, rig, marks, stated, frames)
+
+    most, chosen, placed = placed_steps(seen[0].film, steps, place)
+    return replace(_record(placed, seen, marks, chosen, stated), most_steps=most)
 
 
 def _record(

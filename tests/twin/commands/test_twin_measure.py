@@ -101,7 +101,8 @@ def measured(monkeypatch):
         return types.SimpleNamespace(time=np.arange(frames) / FPS, issues=())
 
     def measure(views, marks, *, reference, rig, face, dictionary, stated, steps, progress, keeper):
-        assert (rig, face, steps) == (None, None, 2000)
+        assert (rig, face) == (None, None)
+        assert steps(["scale"], 8, 18) == 2000
         progress("track", 1, len(views[0].film.time))
         calls.measure.append((views[0].camera, marks, dictionary, stated, reference))
         return displacements(marks, views[0].film.time, seed=len(calls.measure))
@@ -149,6 +150,25 @@ def test_film_and_log_become_targets(project, measured):
     tracks = files.read_npz(project.root / "runs/0002-measure/tracks.npz")
     assert set(tracks) == {"time", "names", "position", "covariance", "rotation", "method", "methods", "homography"}
     assert tracks["methods"].tolist()[:2] == ["lost", "registered"]
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_steps_that_memory_leaves_are_told_and_stated_ones_are_taken(project, measured, monkeypatch, stated):
+    asked, drawn = [], vision.measure
+
+    def measure(views, marks, *, steps, **how):
+        asked.append(steps)
+        moved = drawn(views, marks, steps=lambda names, values, rest: 2000, **how)
+        return dataclasses.replace(moved, most_steps=FRAMES - 1)
+
+    monkeypatch.setattr(vision, "measure", measure)
+    if stated:
+        project = edit(project, "[measure]", "[measure]\nsteps = 59")
+    run_camera(project, Lines())
+    say = Lines()
+    run_measure(project, say)
+    assert [line for line in say.lines if "leave room for no more" in line] == ([] if stated else [say.lines[-2]])
+    assert asked == [59] if stated else asked[0]([f"codec:{k}" for k in range(2000)], 200, 40) < 200
 
 
 def test_a_rolling_shutter_is_stated_as_an_error_and_not_corrected(project, measured, monkeypatch):

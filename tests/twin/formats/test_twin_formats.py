@@ -14,8 +14,9 @@ from twin.chain import stage_of
 from twin.commands.check import check_project
 from twin.commands.init import run_init
 from twin.diagnosis.procedure import _refusal
+from twin.fitmemory import MOST_BYTES, MOST_STEPS, bytes_of
 from twin.formats.catalogue import FORMATS, format_of, read_recorded
-from twin.formats.conversion import MOST_STEPS, NO_COURSE, targets_of
+from twin.formats.conversion import NO_COURSE, targets_of
 from twin.formats.importtable import ImportTable
 from twin.formats.recorded import Recorded
 from twin.formats.supplied import mm_per_unit, still_wanted, turned
@@ -304,6 +305,19 @@ def test_a_long_file_is_thinned_and_its_rest_kept() -> None:
     assert MOST_STEPS <= len(targets.time) <= MOST_STEPS + 40
     assert targets.reference.tolist() == list(range(40))
     assert remarks == [f"{len(targets.time)} of {s} steps are kept, evenly spaced."]
+
+
+@pytest.mark.parametrize(("parts", "hold_mm", "fewer"), [(1, 0.0, False), (3, 0.0, True), (1, 0.1, True)])
+def test_of_many_points_as_many_steps_are_kept_as_a_fit_holds(parts: int, hold_mm: float, fewer: bool) -> None:
+    s, p = 1000, 80
+    names = tuple(f"m{k}" for k in range(p))
+    found = Recorded(names=names, position=np.cumsum(np.ones((s, p, 3)), axis=0), unit="mm", frame=np.arange(s), time=np.arange(s) / 100, pressure=np.zeros(s), axes="x,y,z")
+    table = stated("csv", axes=None, sd_mm=0.1, rest_steps=40, hold_sd_mm=hold_mm, released=hold_mm > 0.0)
+    targets, remarks = targets_of(found, table, [PointTable(name=n, position_mm=(k, 0.0, 0.0)) for k, n in enumerate(names)], parts=parts)
+    wanted = parts * bytes_of(targets.value.size, 3 * p, parts * len(targets.modes))
+    assert (0.9 * MOST_BYTES if fewer else 0.0) < wanted <= MOST_BYTES
+    assert (len(targets.time) < s) == fewer
+    assert [f"{len(targets.time)} of {s} steps are kept, evenly spaced: a fit of so many points holds no more in 3 GB." in remarks] == [fewer]
 
 
 @pytest.mark.parametrize(

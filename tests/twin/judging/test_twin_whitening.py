@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from twin.judging import whitening
 from twin.judging.noisefilter import shrunk
 from twin.judging.whitening import Whitener, _gauge_modes, whitener
 from twin.targets import Array, Noise, Targets
@@ -203,6 +204,15 @@ def test_a_right_model_misses_by_what_is_expected_after_its_fit(targets: Targets
     # a wall is as thick as the film has it: then its tolerance is no error of a right model
     picture = replace(w, names=("scale", "tilt")).expected_after(jacobian)
     assert (found.rms_mm < 0.9 * picture.rms_mm) == tilt.startswith("wall:")
+
+
+def test_many_errors_are_weighed_a_few_at_a_time(targets: Targets, monkeypatch: pytest.MonkeyPatch) -> None:
+    gauge, own = gauge_of(targets), np.random.default_rng(4).standard_normal((7, *targets.value.shape))
+    w = whitener(targets, prediction_modes=0.1 * own, gauge=gauge)
+    whole = w.expected_after(3 * targets.modes[:1])
+    monkeypatch.setattr(whitening, "CHUNK", 2)
+    few = w.expected_after(3 * targets.modes[:1])
+    assert (few.rms_mm, few.low_mm, few.high_mm) == pytest.approx((whole.rms_mm, whole.low_mm, whole.high_mm), rel=1e-12)
 
 
 def test_walls_never_make_the_error_larger(targets: Targets) -> None:
