@@ -47,9 +47,11 @@ def pytest_xdist_node_collection_finished(node: Any) -> None:
     assert node.config.stash[COMPILING].wait() == 0, "tests.compile_loops failed"
 
 
-# Files of more than 15 s of processor, longest first: begun last, one alone would keep one worker busy.
-LONGEST = ("refitting", "diagnose", "reduced", "timesteps", "felupe", "weight", "setup", "chain", "engine_chain",
-           "two_cameras", "nearfit", "other_law")  # fmt: skip
+# Files of more than 12 s of processor, longest first: begun last, one alone would keep one worker busy.
+LONGEST = ("predict_fast", "setup", "sensitivity", "chain", "contract", "timesteps", "standins", "diagnose",
+           "engine_chain", "material", "refitting", "faults", "nearfit", "verdicts", "recalibrate", "chambers",
+           "decks", "standoffs", "reduced", "shape", "mistakes", "effects", "pick", "gravity", "adjoint", "weight",
+           "two_cameras", "other_law", "felupe")  # fmt: skip
 
 
 @pytest.hookimpl(tryfirst=True)

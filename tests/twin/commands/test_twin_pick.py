@@ -34,12 +34,19 @@ def textured(shift: np.ndarray) -> Any:
     """A skin with a natural texture, shifted by (t,2) mm: grey levels at places (n,2) mm in frame t."""
     rng = np.random.default_rng(8)
     skin = 90.0 + 30.0 * gaussian_filter(rng.standard_normal((80, 300)), 1.6) / 0.177
+    last: dict[tuple[float, ...], np.ndarray] = {}  # the skin at rest is drawn once, not in 120 frames
 
     def grey(t: int, places: np.ndarray) -> np.ndarray:
-        x, z = (places - shift[t]).T
+        if (key := tuple(shift[t].tolist())) not in last:
+            last.clear()
+            last[key] = drawn(places - shift[t])
+        return last[key]
+
+    def drawn(places: np.ndarray) -> np.ndarray:
+        x, z = places.T
         low_x, low_z, high_x, high_z = FINGER
         inside = (x > low_x) & (x < high_x) & (z > low_z) & (z < high_z)
-        out = np.full(len(x), np.nan)
+        out: np.ndarray = np.full(len(x), np.nan)
         out[inside] = map_coordinates(skin, [z[inside] / 0.4 + 5, x[inside] / 0.4 + 5], order=1, mode="nearest")
         return out
 

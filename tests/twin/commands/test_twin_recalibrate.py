@@ -14,11 +14,13 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from calibrate import Fit, Parameter
+from tests.askedonce import asked_once
 from tests.messages import saying, says
 from twin import chain, cli, files
 from twin.batches.former import camera_kept
 from twin.batches.series import batches_in, earlier_facts
 from twin.batches.values import SHARE, SUM, changes_of, values_of
+from twin.bench import workbench
 from twin.bench.modeldifferences import same_films
 from twin.commands import recalibrateall
 from twin.commands.batches import run_batches
@@ -31,6 +33,7 @@ from twin.commands.trust import run_trust
 from twin.executors.local import using
 from twin.judging.fitrecord import FitRecord
 from twin.marktables import PointTable
+from twin.project import toml
 from twin.project.cameratables import RecordingTable
 from twin.project.config import Config, ProjectTable
 from twin.project.folder import Project, dataset
@@ -38,6 +41,15 @@ from twin.project.targetfiles import write_targets
 from twin.project.toml import dump, with_key
 from twin.report.page import render
 from twin.validation import decoded
+
+
+@pytest.fixture(scope="module", autouse=True)
+def made_once():
+    """All batches have the same finger, most the same twin.toml: its mesh is made, its text is edited once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workbench, "of_body", asked_once(workbench.of_body))
+        patch.setattr(toml, "with_key", asked_once(toml.with_key))
+        yield
 
 
 def record(c10=0.21, c01=0.08, g1=None, *, sd=0.002, note="", effects=()):

@@ -6,13 +6,16 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 
-from benchmarks.tracking.own_film import BOARD, FILM_START, TAG_MM, write_recordings, write_rig
+from benchmarks.tracking import own_film
+from benchmarks.tracking.own_film import FILM_START, TAG_MM, write_recordings, write_rig
 
 import numpy as np
 import pytest
 
+from tests.askedonce import asked_once
 from tests.browser import Browser, answers, own_address
 from tests.messages import Lines, says
 from twin import files
@@ -21,13 +24,30 @@ from twin.commands import setup
 from twin.commands.init import film_config
 from twin.commands.print import run_print
 from twin.commands.setup import run_setup
+from twin.inputs import foundrecordings
 from twin.inputs.looseframe import moved
 from twin.marktables import FrameTable, MarkerTable
 from twin.project.folder import Project
 from twin.project.framesheet import read_sheet, with_sheet
 from twin.project.toml import dump
+from vision import marks
+from vision.boards.charuco import CharucoBoard
 from vision.film.series import read_picture
 from vision.film.video import Writer
+from vision.following import dots
+from vision.placing import loosemarkers
+
+# The board of the film, but for markers that are drawn right with 136 texels a square in place of 450.
+BOARD = replace(own_film.BOARD, marker_mm=11.25)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def looked_once():
+    """The tests' folders hold the same pictures: what is seen in one is looked for once."""
+    with pytest.MonkeyPatch.context() as patch:
+        for owner, name in ((marks, "_detect"), (CharucoBoard, "look"), (dots, "unknown_dots"), (loosemarkers, "locate"), (foundrecordings, "_read_board")):
+            patch.setattr(owner, name, asked_once(getattr(owner, name)))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +59,10 @@ def recorded(tmp_path_factory):
     files.write_text(root / "twin.toml", dump(config))
     run_print(Project.open(root), Lines(), frame="a4")
     sheet = with_sheet(config.model_copy(update={"frame": FrameTable(sheet="raw/frame.toml", finger="left")}), root)
-    true = write_recordings(root / "raw", sheet.frame.markers, still=40)
-    write_rig(root / "raw" / "rig", sheet.frame.markers)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(own_film, "BOARD", BOARD)
+        true = write_recordings(root / "raw", sheet.frame.markers, still=40)
+        write_rig(root / "raw" / "rig", sheet.frame.markers)
     (root / "twin.toml").unlink()
     shutil.rmtree(root / "runs")
     return root, true

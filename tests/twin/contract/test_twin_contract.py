@@ -16,6 +16,7 @@ from twin.effects.library import all_effects, effect
 from twin.effects.protocol import Effect, Order, Test, Theta
 from twin.targets import Array
 
+pytestmark = pytest.mark.usefixtures("solved_once")
 # where their defaults show nothing on the short finger: the table lies 3 mm below it
 AT = {label: {"contact.stiffness": 0.5, "contact.distance": 0.2} for label in ("contact", "contact:2")}
 LAWS = [law for e in all_effects() for law in e.laws()]

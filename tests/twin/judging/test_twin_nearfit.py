@@ -20,6 +20,8 @@ from twin.model.nearmodel import NearModel
 from twin.model.prediction import Model
 from twin.targets import Array, Noise, Targets
 
+pytestmark = pytest.mark.usefixtures("solved_once")
+
 
 def test_the_end_of_a_fit_along_a_response_is_solved_and_that_of_whole_solves(
     coarsest_case: Case, make_targets: Callable[..., Targets], make_noise: Callable[..., Noise]

@@ -19,6 +19,7 @@ STRUCTURE = Structure(CASE, "tube", {}, CASE.face_nodes("outside"))
 FOOT, AXIS, HIGH = np.array([30.0, 8.0, 8.0]), np.array([0.0, 1.0, 0.0]), 6.0  # on the tube's side
 PRESSURE = np.array([0.0, 0.01, 0.02])
 CONSTANTS = {"C10": 0.1, "C01": 0.03}
+pytestmark = pytest.mark.usefixtures("solved_once")
 
 
 def targets(off: Array | None) -> Targets:
