@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from tests.pulls import band
 from tests.twin.diagnosis.toy import POINTS, STEPS, Toy, smooth_field, targets, toy_effect
 from twin.judging.comparison import lack_of_fit, smooth_functions
 from twin.judging.judged import Judged, judge
-from twin.judging.lawerrorlevels import inexact, levels, with_laws
+from twin.judging.lawerrorlevels import Level, _bounded_step, asked_for, inexact, levels, with_laws
 from twin.judging.lawerrors import LEVELS, WEIGHTS, averaged, law_errors
 from twin.targets import Array, KnownValue, Targets
 
@@ -122,3 +123,24 @@ def test_the_average_over_levels() -> None:
     assert averaged([10.0, 10.0, 10.0, 10.0]) == pytest.approx(10.0)
     assert averaged([400.0, 0.0, 0.0, 0.0]) == pytest.approx(400 + 2 * np.log(WEIGHTS[0]))
     assert sum(WEIGHTS) == pytest.approx(1.0)
+
+
+def test_a_level_is_asked_for_by_half_of_2_ln_B_and_its_weight() -> None:
+    none = np.zeros(0)
+    rows = [Level(law=eps, deviance=0.0, fitted=none, step=none, p_value=0.5) for eps in LEVELS]
+    even = -2 * np.log(WEIGHTS)  # 2 ln B with which all levels are as probable
+    for k in range(len(LEVELS)):
+        more = np.where(np.arange(len(LEVELS)) == k, 0.2, 0.0)
+        assert asked_for(rows, list(even + more)).law == LEVELS[k]
+
+
+def test_a_step_within_bounds_is_the_best_whatever_the_units() -> None:
+    rng = np.random.default_rng(5)
+    columns = rng.normal(size=(40, 3)) * [1e-3, 1.0, 50.0]  # as of a modulus in MPa beside a time in s
+    z = columns @ [300.0, 2.0, -0.02] + 0.1 * rng.normal(size=40)
+    bounds = np.array([-100.0, -1.0, -0.01]), np.array([100.0, 1.0, 0.01])
+    size = np.array([1e3, 1.0, 0.02])  # the same in units in which all columns are alike
+    best = lsq_linear(columns * size, z, bounds=tuple(x / size for x in bounds), method="bvls").x * size
+    step = _bounded_step(columns, z, bounds)
+    np.testing.assert_allclose(step, best, rtol=1e-9)
+    assert step[0] == pytest.approx(100.0)

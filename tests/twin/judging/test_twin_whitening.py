@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from twin.judging import whitening
 from twin.judging.noisefilter import shrunk
-from twin.judging.whitening import Whitener, _gauge_modes, whitener
+from twin.judging.whitening import Whitener, _bounded, _gauge_modes, whitener
 from twin.targets import Array, Noise, Targets
 
 DRAWS = 2000
@@ -384,3 +385,17 @@ def test_the_covariance_of_the_noise_is_what_the_filter_whitens(targets: Targets
     np.testing.assert_allclose(F.T @ N @ F, np.eye(len(unit)), atol=1e-9)
     assert noise.trace == pytest.approx(np.trace(N))
     assert noise.trace_of_square == pytest.approx((N**2).sum())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_some_bounded_and_some_free_amplitudes_are_the_best_together(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    root, b = rng.normal(size=(8, 5)), rng.normal(size=5)
+    H = root.T @ root + 0.1 * np.eye(5)
+    found = _bounded(H, b, 3, 0.05)  # the last two may be as large as they like
+    wide = minimize(
+        lambda x: x @ H @ x - 2 * b @ x, np.zeros(5), jac=lambda x: 2 * (H @ x - b),
+        bounds=[(-0.05, 0.05)] * 3 + [(None, None)] * 2, options={"ftol": 1e-15, "gtol": 1e-12},
+    )  # fmt: skip
+    np.testing.assert_allclose(found, wide.x, atol=1e-6)  # of a minimiser of another kind
+    assert np.abs(found[3:]).max() > 0.05
