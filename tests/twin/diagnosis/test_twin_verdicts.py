@@ -120,6 +120,21 @@ def test_an_effect_with_which_the_model_misses_more_is_not_named(monkeypatch: py
     assert found.sure.startswith("like: nothing that was tried fits")
 
 
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_a_verdict_does_not_depend_on_where_null_is(one_sided: bool) -> None:
+    zero, other = (
+        diagnosed(0.2 * FIELDS["alpha"][0], effects=(toy_effect("alpha", one_sided=one_sided, null=null),))
+        for null in (0.0, 3.0)
+    )
+    assert zero.named == other.named == ("alpha",)
+    assert zero.kept is not None
+    assert other.kept is not None
+    assert zero.kept.values["alpha.a0"] == pytest.approx(0.2, abs=0.01)
+    assert other.kept.values["alpha.a0"] == pytest.approx(3.0 + zero.kept.values["alpha.a0"], abs=1e-6)
+    assert [h.evidence for h in other.ranking] == pytest.approx([h.evidence for h in zero.ranking], abs=1e-3)
+    assert other.ranking[0].hint == pytest.approx(zero.ranking[0].hint, abs=1e-3)
+
+
 def test_an_effect_that_would_have_to_be_negative_is_not_refitted() -> None:
     found = diagnosed(-0.3 * FIELDS["alpha"][0], effects=(toy_effect("alpha", one_sided=True),))
     assert found.verdict == "none of these"

@@ -14,11 +14,16 @@ from twin.targets import Array, Noise, PointKind, TargetPoint, Targets
 STEPS, POINTS, SD = 120, 4, 0.01  # mm
 
 
-def toy_effect(name: str, *, amplitudes: int = 1, one_sided: bool = False, kind: str = "", wide: int = 0) -> Effect:
-    """An effect of a name whose maps are those of a `Toy`; wide: terms of its declared wider family."""
+def toy_effect(
+    name: str, *, amplitudes: int = 1, one_sided: bool = False, kind: str = "", wide: int = 0, null: float = 0.0
+) -> Effect:
+    """An effect of a name whose maps are those of a `Toy`; wide: terms of its declared wider family; null: of
+    its amplitudes."""
     low = 0.0 if one_sided else -5.0
     own = tuple(
-        Parameter(f"{name}.a{k}", low, 5.0, "mm", null=0.0, typical=0.1, plausible=(low / 5, 1.0))
+        Parameter(
+            f"{name}.a{k}", null + low, null + 5.0, "mm", null=null, typical=0.1, plausible=(null + low / 5, null + 1.0)
+        )
         for k in range(amplitudes)
     )
     methods: dict[str, Any] = {"name": name, "parameters": own, "sentence": f"{name} is there"}
@@ -72,7 +77,8 @@ class Toy:
         return np.concatenate(rows)
 
     def predict(self, theta: Array) -> Array:
-        return np.tensordot(theta, self.jacobian(theta), 1)
+        null = np.array([p.null or 0.0 for p in self.parameters])
+        return np.tensordot(theta - null, self.jacobian(theta), 1)
 
     def solution(self, theta: Array) -> Any:
         return SimpleNamespace(history=None)
