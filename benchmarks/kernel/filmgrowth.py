@@ -30,6 +30,7 @@ from twin.judging.fitting import ModelErrors
 from twin.messages import Silent
 from twin.project.folder import Project
 from twin.targets import Array, Targets
+from vision.placing.views import even_steps
 
 TIMES = {"frames": (1, 2, 4), "markers": (1, 2, 4), "blocks": (1, 2, 4), "kept steps": (4, 8, 16)}
 FRAMES, MARKERS, BLOCKS, KEPT = TIMES
@@ -79,8 +80,7 @@ def kept(t: Targets, times: int) -> Array:
     few = longer(shorter(t, t.reference), times, MARKERS)
     components = int(few.valid.any(axis=0).sum())
     most = steps_held(components, len(few.modes), rest=len(t.reference))
-    even = np.linspace(0, len(t.time) - 1, min(most, len(t.time)))
-    return np.union1d(even.round().astype(int), t.reference)
+    return np.union1d(even_steps(len(t.time), most), t.reference)
 
 
 def shorter(t: Targets, steps: Array) -> Targets:

@@ -288,13 +288,13 @@ def _outline(project: Project, views: "Sequence[View]", run: Run) -> SeenOutline
     return outline
 
 
-def _even(moved: "Displacements", most: int) -> NDArray[np.bool_]:
+def _even(moved: "Displacements") -> NDArray[np.bool_]:
     """Mask (s,) of the evenly spaced steps: without the dense frames of the reference, which would make the
     scatter of the others look correlated."""
     from vision.placing.views import even_steps
 
     frames = np.searchsorted(moved.tracks.time, moved.time)
-    return np.isin(frames, even_steps(len(moved.tracks.time), most))
+    return np.isin(frames, even_steps(len(moved.tracks.time), moved.most_steps))
 
 
 def _motion(moved: "Displacements") -> Motion:
@@ -303,7 +303,7 @@ def _motion(moved: "Displacements") -> Motion:
     squares = (moved.value[:, finger][..., [0, 2]] ** 2).sum(axis=2)
     seen = np.isfinite(squares).all(axis=1)
     mm = np.sqrt(np.where(seen[:, None], np.nan_to_num(squares), 0.0).mean(axis=1))
-    even = _even(moved, moved.most_steps)
+    even = _even(moved)
     return Motion(
         (moved.time - moved.time[0])[even],
         np.where(seen, mm, np.nan)[even],
