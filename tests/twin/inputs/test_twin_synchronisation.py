@@ -67,13 +67,13 @@ def test_steps_of_a_long_film_are_joined_without_the_density_of_its_reference():
         log = make_log(seed=seed)
         time, moved = motion(log, start, seed=seed)
         steps = np.union1d(np.arange(40), even_steps(len(time), 140))  # 2 s at rest are whole
-        film = SimpleNamespace(time=time[steps], tracks=SimpleNamespace(time=time))
-        even = _even(film, 140)
+        film = SimpleNamespace(time=time[steps], tracks=SimpleNamespace(time=time), most_steps=140)
+        even = _even(film)
         assert np.diff(time[steps][even]).min() > 1.5 / FPS
         join = onset_join(Motion(time[steps][even], moved[steps][even], 0.01), log)
         pulls.append((join.start_s - start) / join.sd_s)
     assert 0.65 < np.sqrt(np.mean(np.square(pulls))) < 1.27  # with the scatter over rest and rise alike it is 1.35
-    assert _even(SimpleNamespace(time=time, tracks=SimpleNamespace(time=time)), 280).all()
+    assert _even(SimpleNamespace(time=time, tracks=SimpleNamespace(time=time), most_steps=280)).all()
 
 
 def test_a_rise_of_few_steps_is_refused():
