@@ -298,6 +298,7 @@ class _Task:
     @staticmethod
     def of(case: Case, path: Path, variations: Sequence[Variation]) -> "_Task":
         kernel = _kernel(_key(case))
+        kernel.begin()
         problem, pairs = Problem.of(case, kernel), [(v.plus[1], v.minus[1]) for v in variations]
         varied = [
             Differenced(Problem.of(v.plus[0], kernel), Problem.of(v.minus[0], kernel), v.step)

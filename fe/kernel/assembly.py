@@ -331,9 +331,17 @@ class Kernel:
 
     def _solver(self, pattern: Pattern) -> Symmetric | Reduced:
         """The solver for a pattern of all unknowns."""
+        definite = not self.shared  # shared pressures have as many negative eigenvalues
         if self.dependence is None:
-            return Symmetric(pattern.indptr, pattern.indices)
-        return Reduced(pattern, self._followers(self.dependence))
+            return Symmetric(pattern.indptr, pattern.indices, definite=definite)
+        return Reduced(pattern, self._followers(self.dependence), definite=definite)
+
+    def begin(self) -> None:
+        """Begin a solve, whose results do not depend on those before it, to the bit."""
+        self.matrix.begin()
+        for kernel in (self, *self._with_shares.values()):
+            if kernel._widened is not None:
+                kernel._widened[1].matrix.begin()
 
     def _followers(self, tied: Dependence) -> sp.csr_matrix:
         """Matrix (f, g) from the independent unknowns to all unknowns."""

@@ -109,16 +109,23 @@ class Symmetric:
     indptr, indices: the CSR pattern of the upper triangle including the diagonal, numbers of 32 bits. count:
     how many times it was factorised; it solves with the newest factors alone. Cholesky's factors, and solves
     with them, take some 0.85 of the time of L D L'; from the first matrix that is not positive definite on,
-    L D L' serves.
+    L D L' serves, until `begin`. definite: False where no matrix of the pattern can be.
     """
 
-    def __init__(self, indptr: Places, indices: Places) -> None:
-        self._indptr, self._indices = indptr, indices
+    def __init__(self, indptr: Places, indices: Places, *, definite: bool = True) -> None:
+        self._indptr, self._indices, self._definite = indptr, indices, definite
         self._n, self.count = len(indptr) - 1, 0
         self._analysed = False
-        self._solver = self._begun(CHOLESKY) if PyPardisoSolver else None
+        self._solver = self._begun(CHOLESKY if definite else BUNCH_KAUFMAN) if PyPardisoSolver else None
         # PARDISO counts from 1; made once, as at every call they would cost a third of a solve
         self._places = (indptr + 1).astype(np.int32), (indices + 1).astype(np.int32)
+
+    def begin(self) -> None:
+        """Take the next matrix for positive definite again: what follows does not depend on what came before,
+        to the bit."""
+        if self._definite and self._solver is not None and self._solver.mtype != CHOLESKY:
+            _free(self._solver)
+            self._solver, self._analysed = self._begun(CHOLESKY), False
 
     def _begun(self, kind: int) -> Any:
         """PARDISO's solver of matrices of a kind, whose factors live outside Python's memory."""

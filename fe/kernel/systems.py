@@ -19,10 +19,14 @@ from fe.kernel.matrix import Pattern, Places, Symmetric
 class Reduced:
     """Solver like `Symmetric` for all unknowns, with the dependent ones x = T y, T (n, m)."""
 
-    def __init__(self, pattern: Pattern, T: sp.csr_matrix) -> None:
+    def __init__(self, pattern: Pattern, T: sp.csr_matrix, *, definite: bool = True) -> None:
         self._T = T
         self._gather, indptr, indices = _products(pattern, T)
-        self._matrix = Symmetric(indptr, indices)
+        self._matrix = Symmetric(indptr, indices, definite=definite)
+
+    def begin(self) -> None:
+        """As `Symmetric.begin`."""
+        self._matrix.begin()
 
     def factorise(self, data: Array) -> None:
         """Factorise by the upper triangle (nnz,) of the system of all unknowns."""

@@ -36,7 +36,7 @@ def test_a_matrix_that_is_not_positive_definite_is_solved_too_and_so_is_the_next
     root = sp.random(40, 40, 0.1, rng=rng) + sp.eye(40)
     definite = (root @ root.T).toarray()
     indefinite = definite - 2 * np.eye(40)
-    solver, b = None, rng.standard_normal((40, 3))
+    solver, b, after = None, rng.standard_normal((40, 3)), []
     for a in (definite, indefinite, definite):
         upper = sp.triu(sp.csr_matrix(a), format="csr")
         upper.sort_indices()
@@ -44,3 +44,7 @@ def test_a_matrix_that_is_not_positive_definite_is_solved_too_and_so_is_the_next
         solver.factorise(upper.data)
         np.testing.assert_allclose(a @ solver.solve(b), b, rtol=0, atol=1e-9)
         assert solver.negative == int((np.linalg.eigvalsh(a) < 0).sum())
+        after.append(solver.solve(b))
+    solver.begin()
+    solver.factorise(sp.triu(sp.csr_matrix(definite), format="csr").data)
+    np.testing.assert_array_equal(solver.solve(b), after[0])  # as if it had been the first

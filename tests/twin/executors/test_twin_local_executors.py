@@ -14,7 +14,8 @@ import numpy as np
 import psutil
 import pytest
 
-from fe import Case
+from fe import Case, solve
+from fe import Path as LoadPath
 from tests.twin.executors.order import gathered
 from twin.executors.local import WORKERS, Processes, Threads
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN
@@ -130,6 +131,8 @@ def test_solves_give_the_same_bits_in_any_number_of_processes(coarsest_case: Cas
     reduced, points = np.linspace(0.0, 0.05, 4), coarsest_case.position(4401)[None]
     every = [MOONEY_RIVLIN.at(0.3, (share,)) for share in (0.2, 0.6)]
     tasks = [partial(along_path, coarsest_case, c, 0.3, reduced, points, NOTHING) for c in every]
+    beyond = solve(coarsest_case, LoadPath(np.array([0.0, 1.0]), np.array([0.0, 1.0]), output=np.array([1.0])))
+    assert not beyond.converged  # in this process alone; its matrices were not positive definite
     alone, together = (dict(Processes(workers).ended(tasks)) for workers in (1, 2))
     assert np.abs(alone[0]).max() > 0.1  # mm
     for k in range(len(tasks)):
