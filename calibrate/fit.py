@@ -10,9 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import lsq_linear
-from scipy.special import erfcx
 
 from calibrate.parameters import Array, Fit, Parameter, bounds
 
@@ -225,7 +224,7 @@ def bounded_step(jac: Array, r: Array, low: Array, high: Array, damping: float) 
     columns, c = small[:, :d], small[:, d]
     a = np.vstack([columns, math.sqrt(damping) * np.eye(d)])
     b = -np.concatenate([c, np.zeros(d)])
-    x = lsq_linear(a, b, bounds=(low * lengths, high * lengths), method="bvls", max_iter=50).x
+    x = scipy.optimize.lsq_linear(a, b, bounds=(low * lengths, high * lengths), method="bvls", max_iter=50).x
     change = columns @ x
     return _Step(x / lengths, float(c @ c - (c + change) @ (c + change)), float(np.linalg.norm(change)))
 
@@ -306,5 +305,5 @@ def _for_bounds(end: _End, free: NDArray[np.bool_], low: Array, high: Array) -> 
 
 def _spread(a: float) -> float:
     """E[(x - a)^2] of a standard normal x above a >= 0."""
-    hazard = math.sqrt(2 / math.pi) / float(erfcx(a / math.sqrt(2)))
+    hazard = math.sqrt(2 / math.pi) / float(scipy.special.erfcx(a / math.sqrt(2)))
     return min(max(1 + a**2 - a * hazard, 0.0), 2 / max(a, 1e-9) ** 2)  # which it nears: far out all cancels

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from calibrate.fit import AT_BOUND, DAMPING, Jacobian, Residual, bounded_step, inside, least_squares
 from calibrate.parameters import Array, Fit, Parameter, bounds
@@ -345,7 +345,9 @@ class _Task:
         def excess(value: float) -> float:
             return self._linear(self.held.slice(value))[0] - level
 
-        return far if excess(far) <= 0 else float(brentq(excess, near, far, xtol=1e-9 * abs(far - near)))
+        if excess(far) <= 0:
+            return far
+        return float(scipy.optimize.brentq(excess, near, far, xtol=1e-9 * abs(far - near)))
 
     def _linear(self, slice_: Slice) -> tuple[float, Array]:
         """Deviance and best theta (d,) of a slice, linearised at the best fit."""

@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import ndtr
 
 from calibrate.parameters import Array
 
@@ -88,7 +88,7 @@ def newcomer(values: ArrayLike, sds: ArrayLike, *, value: float, sd: float) -> N
     with np.errstate(under="ignore"):  # a share of 1e-320 is none
         weight, mean, spread = _posterior(y, s)
         spread = np.hypot(spread, sd)
-        p = float(weight @ (2 * ndtr(-np.abs(value - mean) / spread)))
+        p = float(weight @ (2 * scipy.special.ndtr(-np.abs(value - mean) / spread)))
         low, high = (_quantile(weight, mean, spread, level) for level in (0.025, 0.975))
     former = between(y, s)
     return Newcomer(
@@ -123,7 +123,7 @@ def _quantile(weight: Array, mean: Array, spread: Array, level: float) -> float:
     low, high = float(mean.min()) - far, float(mean.max()) + far
     for _ in range(100):
         middle = (low + high) / 2
-        below = weight @ ndtr((middle - mean) / spread) < level
+        below = weight @ scipy.special.ndtr((middle - mean) / spread) < level
         low, high = (middle, high) if below else (low, middle)
     return (low + high) / 2
 

@@ -9,7 +9,7 @@ this point, too, with bounded steps that the deviance itself accepts.
 import math
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from calibrate.fit import Jacobian, Residual
 from calibrate.parameters import Array
@@ -33,7 +33,7 @@ def scale_of(z: Array, nu: float = NU) -> float:
 
     if not len(square) or over(1.0) <= 0:
         return 1.0
-    return float(brentq(over, 1.0, 2 * math.sqrt(float(square.max())) + 1, xtol=1e-10))
+    return float(scipy.optimize.brentq(over, 1.0, 2 * math.sqrt(float(square.max())) + 1, xtol=1e-10))
 
 
 def weights(z: Array, nu: float = NU, *, scale: float = 1.0) -> Array:

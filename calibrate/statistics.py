@@ -7,8 +7,8 @@ too large and its tail too long, and the plain chi2 test then calls a right mode
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import chdtrc, fdtrc
 
 from calibrate.parameters import Array, Fit
 
@@ -119,9 +119,9 @@ def _tail(total: float, mean: float, variance: float, n: float) -> float:
     """Upper tail at `total` of a F(n, nu) with a and nu from the mean and the variance."""
     spread = variance / mean**2 * n - 2  # 0 for a chi2 with n degrees of freedom
     if spread <= 1e-9:
-        return float(chdtrc(n, n * total / mean))
+        return float(scipy.special.chdtrc(n, n * total / mean))
     nu = (4 * (spread + 2) + 2 * n - 4) / spread
-    return float(fdtrc(n, nu, total / mean * nu / (nu - 2)))
+    return float(scipy.special.fdtrc(n, nu, total / mean * nu / (nu - 2)))
 
 
 def _orthonormal(columns: Array, size: Array | None = None) -> Array:

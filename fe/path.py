@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import TypedDict
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from fe.element import Array, Integers
 from fe.terms import machine_code
@@ -209,7 +209,8 @@ def in_time(path: Path, time: Array, *, softening: bool = False, creeping: bool 
     for span in _spans(path, softening, creeping):
         rows = np.flatnonzero((time >= span.begin) & (time <= span.end))
         inside = (columns >= span.begin) & (columns <= span.end)
-        weights[inside] = CubicSpline(span.even(time[rows]), unit[rows])(span.even(columns[inside]))
+        spline = scipy.interpolate.CubicSpline(span.even(time[rows]), unit[rows])
+        weights[inside] = spline(span.even(columns[inside]))
     return weights
 
 

@@ -7,7 +7,7 @@ share gets the instance's name before it.
 from copy import deepcopy
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from fe.deck.draft import Draft
 from fe.deck.keywords import Keyword, filled
@@ -88,11 +88,12 @@ def end_instance(draft: Draft, k: Keyword) -> None:
     mesh.sheet_sections |= sheets
 
 
-def _turn(row: list[float]) -> tuple[Array, Rotation]:
+def _turn(row: list[float]) -> "tuple[Array, scipy.spatial.transform.Rotation]":
     a, b, degrees = np.array(row[:3]), np.array(row[3:6]), row[6]
     if np.array_equal(a, b):
         raise IndexError  # no axis: too few numbers
-    return a, Rotation.from_rotvec(np.radians(degrees) * (b - a) / np.linalg.norm(b - a))
+    axis = (b - a) / np.linalg.norm(b - a)
+    return a, scipy.spatial.transform.Rotation.from_rotvec(np.radians(degrees) * axis)
 
 
 def _placed(x: Array, moved: list[list[float]]) -> Array:

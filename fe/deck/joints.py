@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from fe.case import Case, Equation, Tie
 from fe.deck.keywords import Place
@@ -84,7 +84,7 @@ def merged(mesh: MeshDraft, ties: Iterable[TieDraft]) -> dict[int, int]:
     for tie in ties:
         slave, master = (np.array(mesh.nodes_on(mesh.surfaces[name])) for name in (tie.slave, tie.master))
         places = [np.array([mesh.nodes[n] for n in labels.tolist()]) for labels in (slave, master)]
-        away, index = (np.asarray(x) for x in cKDTree(places[1]).query(places[0]))
+        away, index = (np.asarray(x) for x in scipy.spatial.cKDTree(places[1]).query(places[0]))
         for a, b in zip(slave[away <= near].tolist(), master[index[away <= near]].tolist(), strict=True):
             a, b = _last(same, a), _last(same, b)
             if a != b:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from fe.case import Case, Layer
 from fe.deck.meshdraft import MeshDraft, SheetSection
@@ -86,7 +86,7 @@ def _under(
     corners = case.nodes[rows[:, list(case.element.corners)]]
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, -1] - corners[:, 0])
     facing /= np.linalg.norm(facing, axis=1, keepdims=True)
-    middle, tree = corners.mean(axis=1), cKDTree(three.mean(axis=1))
+    middle, tree = corners.mean(axis=1), scipy.spatial.cKDTree(three.mean(axis=1))
     widest = float(np.linalg.norm(three - three.mean(axis=1, keepdims=True), axis=2).max())
     reach = max(reach, 1e-4 * widest)
     chosen = [

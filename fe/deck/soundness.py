@@ -2,9 +2,9 @@
 plausible size, with a closed chamber. Each fault raises a ValueError that says what was wanted."""
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from fe.case import Case
 from fe.deck.units import LENGTHS
@@ -88,7 +88,7 @@ def _check_size(case: Case, file: str) -> None:
 def _check_places(case: Case, file: str) -> None:
     """No two nodes at one place: there the mesh would be cut."""
     near = SAME * float(np.ptp(case.nodes, axis=0).max())
-    pairs = cKDTree(case.nodes).query_pairs(near, output_type="ndarray")
+    pairs = scipy.spatial.cKDTree(case.nodes).query_pairs(near, output_type="ndarray")
     if len(pairs):
         a, b = case.labels[pairs[0]]
         x, y, z = case.nodes[pairs[0][0]]

@@ -6,9 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
-from scipy.optimize import linear_sum_assignment
+import scipy
 from scipy.sparse import csr_matrix
 
 from fe.case import Case
@@ -96,28 +94,29 @@ class ReducedModel:
         return ReducedModel(case, np.asarray(pressures, float), u, p, slope, load, shape, square, pull)
 
     @cached_property
-    def place(self) -> CubicHermiteSpline:
+    def place(self) -> "scipy.interpolate.CubicHermiteSpline":
         """The equilibrium (3 n,) mm over the pressure in MPa."""
         k = len(self.pressure)
-        return CubicHermiteSpline(self.pressure, self.u.reshape(k, -1), self.slope.reshape(k, -1))
+        u, slope = self.u.reshape(k, -1), self.slope.reshape(k, -1)
+        return scipy.interpolate.CubicHermiteSpline(self.pressure, u, slope)
 
     @cached_property
-    def _shapes(self) -> CubicSpline:
-        return CubicSpline(self.pressure, self.shape.reshape(*self.shape.shape[:2], -1))
+    def _shapes(self) -> "scipy.interpolate.CubicSpline":
+        return scipy.interpolate.CubicSpline(self.pressure, self.shape.reshape(*self.shape.shape[:2], -1))
 
     @cached_property
-    def _terms(self) -> CubicSpline:
+    def _terms(self) -> "scipy.interpolate.CubicSpline":
         """Over the pressure: mass of the motion along the path, with its bend, its stiffness; and with each
         vibration: mass, bend, stiffness, square of the angular frequency."""
         M, rows = mass_matrix(self.case), []
         ways = self.slope.reshape(len(self.pressure), -1)
-        bends = CubicSpline(self.pressure, ways)(self.pressure, 1)
+        bends = scipy.interpolate.CubicSpline(self.pressure, ways)(self.pressure, 1)
         for k, (way, bend) in enumerate(zip(ways, bends, strict=True)):
             f, phi = self.load[k].ravel(), self.shape[k].reshape(len(self.shape[k]), -1)
             heavy, bent = M @ way, M @ bend
             first = [way @ heavy, way @ bent, way @ f]
             rows.append(np.concatenate([first, phi @ heavy, phi @ bent, phi @ f, self.square[k]]))
-        return CubicSpline(self.pressure, np.array(rows))
+        return scipy.interpolate.CubicSpline(self.pressure, np.array(rows))
 
     def follow(self, path: Path, *, loss: float = 0.0, drag: float = 0.0) -> ReducedMotion:
         """The motion along a path, from rest at its first pressure.
@@ -168,8 +167,10 @@ class ReducedModel:
         # what a vibration takes of a push along the path, over all of it, and as fast as the slowest one
         size = np.append(1.0, np.abs(terms(self.pressure)[:, 3 : count + 3]).max(axis=0))
         small = PRECISION * float(np.ptp(self.pressure)) * np.append(size, slowest * size)
-        found = solve_ivp(change, (first, last), start, method="LSODA", dense_output=True, rtol=PRECISION,
-                          atol=small, max_step=LONGEST)  # fmt: skip
+        found = scipy.integrate.solve_ivp(
+            change, (first, last), start, method="LSODA", dense_output=True, rtol=PRECISION, atol=small,
+            max_step=LONGEST,
+        )  # fmt: skip
         if not found.success or found.sol is None:
             raise ValueError(f"a reduced model beyond {found.t[-1]:.4g} s: {found.message}")
         return found.sol
@@ -212,14 +213,15 @@ class ReducedModel:
         """The state of a motion at a time, with the pressure modes of its equilibrium."""
         h = 1e-4 * 2 * np.pi / float(np.sqrt(self.square.max()))
         before, now, after = self._displaced(motion.dense(np.array([t - h, t, t + h])))
-        p = np.asarray(CubicSpline(self.pressure, self.p)(motion.dense(t)[0]), float)
+        p = np.asarray(scipy.interpolate.CubicSpline(self.pressure, self.p)(motion.dense(t)[0]), float)
         return Instant(t, State(now, p), (after - before) / (2 * h), (after - 2 * now + before) / h**2, None)
 
     def _between(self, along: Array, at: csr_matrix | None) -> Array:
         """The error (s,) or (s, p, 3) mm of the equilibria at pressures (s,) MPa, between those that were
         solved."""
         k = self.pressure[::2]
-        coarse = CubicHermiteSpline(k, self.u[::2].reshape(len(k), -1), self.slope[::2].reshape(len(k), -1))
+        u, slope = (x[::2].reshape(len(k), -1) for x in (self.u, self.slope))
+        coarse = scipy.interpolate.CubicHermiteSpline(k, u, slope)
         off = coarse(self.pressure[1::2]).reshape(-1, *self.case.nodes.shape) - self.u[1::2]
         errors = BENT * _sizes(off, at)
         flat = [np.interp(along, self.pressure[1::2], column) for column in errors.reshape(len(errors), -1).T]
@@ -246,6 +248,6 @@ def _aligned(before: Array, shape: Array, square: Array, M: Any) -> tuple[Array,
     """Shapes (m, n, 3) and squares (m,) in the order and with the signs of those at the state before."""
     a, b = before.reshape(len(before), -1), shape.reshape(len(shape), -1)
     both = a @ (M @ b.T)
-    rows, columns = linear_sum_assignment(-np.abs(both))
+    rows, columns = scipy.optimize.linear_sum_assignment(-np.abs(both))
     sign = np.sign(both[rows, columns])
     return shape[columns] * sign[:, None, None], square[columns]

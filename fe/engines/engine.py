@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from fe.case import Case
 from fe.element import Array, Integers
@@ -182,7 +182,7 @@ def _curve(pressure: Array, u: Array) -> Curve:
     none, nothing = np.zeros(len(pressure)), np.zeros((len(pressure), 1, 1))
     return Curve(
         pressure=pressure, u=u, p=nothing, rotation=none,
-        u_slope=np.asarray(CubicSpline(pressure, u, axis=0)(pressure, 1)), p_slope=nothing,
+        u_slope=np.asarray(scipy.interpolate.CubicSpline(pressure, u, axis=0)(pressure, 1)), p_slope=nothing,
         rotation_slope=none, derivative=np.zeros((0, *u.shape)), p_derivative=np.zeros((0, *nothing.shape)),
         touch=np.zeros((len(u), 3)), touch_derivative=np.zeros((0, len(u), 3)),
         iterations=0, reason="converged",

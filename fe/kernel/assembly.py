@@ -13,9 +13,9 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 from numpy.polynomial.legendre import legval
-from scipy.special import erf
 
 from fe.case import Case, digest
 from fe.element import Array, Element, Flags, Integers, scatter
@@ -130,7 +130,7 @@ class Softening:
         below = energy < self.peak if self.below is None else self.below
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             x = (self.peak - energy) / (m + beta * self.peak)
-        return np.where(below, amount * erf(np.where(below, x, 0.0)), 0.0)
+        return np.where(below, amount * scipy.special.erf(np.where(below, x, 0.0)), 0.0)
 
 
 @dataclass(frozen=True)

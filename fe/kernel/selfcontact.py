@@ -17,7 +17,7 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from fe.case import Case
 from fe.element import Array, Flags, Integers, gauss, scatter
@@ -234,7 +234,8 @@ class SelfFaces:
         """Slave and master faces (k,), sorted, with points possibly in contact or within `apart` mm of
         contact."""
         corners, centre, n, radius, top = x[self.faces], balls[:, :3], balls[:, 3:6], balls[:, 6], balls[:, 7]
-        pairs = cKDTree(centre).query_pairs(2 * radius.max() + apart, output_type="ndarray").astype(np.int64)
+        tree, reach = scipy.spatial.cKDTree(centre), 2 * radius.max() + apart
+        pairs = tree.query_pairs(reach, output_type="ndarray").astype(np.int64)
         a, b = pairs.T
 
         def kept(mask: Flags) -> tuple[Integers, Integers]:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
-from scipy.spatial import cKDTree
 
 from fe.case import Case, Tie
 from fe.element import Array, Element, Flags, Integers
@@ -36,7 +36,8 @@ def slaves(case: Case, tie: Tie) -> tuple[Integers, Integers, Array, Array]:
     faces = case.face_nodes(tie.master)
     nodes = np.setdiff1d(case.face_nodes(tie.slave), faces)
     corners = case.nodes[faces[:, list(case.element.corners)]]
-    near = cKDTree(corners.mean(axis=1)).query(case.nodes[nodes], k=min(CANDIDATES, len(faces)))[1]
+    tree = scipy.spatial.cKDTree(corners.mean(axis=1))
+    near = tree.query(case.nodes[nodes], k=min(CANDIDATES, len(faces)))[1]
     near = near.reshape(len(nodes), -1)
     weights, places = _nearest(case.element, case.nodes[faces[near]], case.nodes[nodes])
     away = np.linalg.norm(places - case.nodes[nodes][:, None], axis=2)

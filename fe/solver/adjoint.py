@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 from scipy.sparse import csr_matrix
 
 from fe.element import Array, Integers
@@ -62,7 +62,7 @@ class NullTangents:
         number, parts = self.loadings.at(time), []
         for k, curve in enumerate(self.curves):
             x = curve.pressure
-            parts.append(CubicSpline(x, np.eye(len(x)))(q) * (number == k)[:, None])
+            parts.append(scipy.interpolate.CubicSpline(x, np.eye(len(x)))(q) * (number == k)[:, None])
         return np.concatenate(parts, axis=1)
 
     # -- creep ----------------------------------------------------------------------------------------------

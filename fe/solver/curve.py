@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
+import scipy
 from scipy.sparse import csr_matrix
 
 from fe.element import Array
@@ -66,8 +66,8 @@ class Curve:
         """Derivative of the state by parameter `number`, without the clamp's rotation, at pressure q MPa, or
         at several (s,)."""
         return State(
-            CubicSpline(self.pressure, self.derivative[number], axis=0)(q),
-            CubicSpline(self.pressure, self.p_derivative[number], axis=0)(q),
+            scipy.interpolate.CubicSpline(self.pressure, self.derivative[number], axis=0)(q),
+            scipy.interpolate.CubicSpline(self.pressure, self.p_derivative[number], axis=0)(q),
         )
 
     @property
@@ -86,7 +86,8 @@ class Curve:
     def ahead(self, change: Array) -> "Curve":
         """The curve extrapolated to first order in changes (v,) of its parameters."""
         u, p = (np.tensordot(change, x, 1) for x in (self.derivative, self.p_derivative))
-        u_slope, p_slope = (CubicSpline(self.pressure, x, axis=0)(self.pressure, 1) for x in (u, p))
+        q = self.pressure
+        u_slope, p_slope = (scipy.interpolate.CubicSpline(q, x, axis=0)(q, 1) for x in (u, p))
         touch = self.touch + np.tensordot(change, self.touch_derivative, 1)
         return replace(
             self, u=self.u + u, p=self.p + p, u_slope=self.u_slope + u_slope, p_slope=self.p_slope + p_slope,
@@ -107,14 +108,14 @@ class Curve:
         """Displacement, or its slope with order 1, at pressures q (s,) and points given by `operator` (p, n):
         (s, p, 3)."""
         y, s = _apply(operator, self.u), _apply(operator, self.u_slope)
-        return CubicHermiteSpline(self.pressure, y, s, axis=0)(q, order)
+        return scipy.interpolate.CubicHermiteSpline(self.pressure, y, s, axis=0)(q, order)
 
     def derivatives(self, operator: csr_matrix, q: Array) -> Array:
         """Derivatives (v, s, p, 3) at pressures q (s,) and points given by `operator` (p, n)."""
         if not len(self.derivative):
             return np.empty((0, len(q), operator.shape[0], 3))
         y = np.stack([_apply(operator, d) for d in self.derivative])
-        return np.asarray(CubicSpline(self.pressure, y, axis=1)(q))
+        return np.asarray(scipy.interpolate.CubicSpline(self.pressure, y, axis=1)(q))
 
 
 def _weights(a: float, b: float, q: float, order: int) -> tuple[float, float, float, float]:
@@ -133,7 +134,7 @@ def _monotone(x: Array, y: Array, q: Array, order: int = 0) -> Array:
     """Values (s, ...), or slopes, of monotone cubics through y (k, ...) at x (k,)."""
     if len(x) == 1:
         return np.repeat(y, len(q), axis=0) if order == 0 else np.zeros((len(q), *y.shape[1:]))
-    return np.asarray(PchipInterpolator(x, y, axis=0)(q, nu=order))
+    return np.asarray(scipy.interpolate.PchipInterpolator(x, y, axis=0)(q, nu=order))
 
 
 def _per_pressure(problem: Problem, state: State) -> Residual:

@@ -1,7 +1,7 @@
 """Limits of a path of equilibria: large stretch, self-penetration, limit points."""
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from fe.case import Case
 from fe.element import Array, Flags, Integers
@@ -38,7 +38,7 @@ def crossing(case: Case, u: Array) -> Array | None:
     middle, centre = x[edges].mean(axis=1), x[triangles].mean(axis=1)
     half = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) / 2
     radius = np.linalg.norm(x[triangles] - centre[:, None], axis=2).max(axis=1)
-    near = cKDTree(centre).query_ball_point(middle, half + radius.max(), return_sorted=False)
+    near = scipy.spatial.cKDTree(centre).query_ball_point(middle, half + radius.max(), return_sorted=False)
     e = np.repeat(np.arange(len(edges)), [len(n) for n in near])
     t = np.concatenate([np.asarray(n, np.int64) for n in near])
     close = np.linalg.norm(middle[e] - centre[t], axis=1) <= half[e] + radius[t]

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import newton
 import numpy as np
+import scipy
 import warp as wp
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 STEP, MOST = 1e-3, 20.0  # s, and how long a finger may take to rest
 CHECK, STILL = 50, 1e-7  # steps between looks, and m by which a finger at rest still moves in them
@@ -27,7 +27,8 @@ class NewtonFinger:
         data = json.loads((folder / "rod.json").read_text(encoding="utf-8"))
         rod = {name: np.array(x, float) for name, x in data.items() if isinstance(x, list)}
         bend, length, hinge = (
-            CubicSpline(rod["pressure"], rod[name])(pressure) for name in ("bend", "length", "bend_stiffness")
+            scipy.interpolate.CubicSpline(rod["pressure"], rod[name])(pressure)
+            for name in ("bend", "length", "bend_stiffness")
         )
         step = np.diff(rod["rest"], axis=0)
         turn = np.diff(np.unwrap(np.arctan2(-step[:, 2], step[:, 0])), prepend=0.0)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from twin.targets import Array
 
@@ -53,7 +53,7 @@ class Rod:
         return self._between(self.bend_stiffness, pressure)
 
     def _between(self, table: Array, pressure: float) -> Array:
-        return np.asarray(CubicSpline(self.pressure, table)(pressure))
+        return np.asarray(scipy.interpolate.CubicSpline(self.pressure, table)(pressure))
 
     def joints(self, bend: Array, length: Array) -> Array:
         """Places (n + 1, 3) mm of the joints and the tip where joints turn and links are long by so much."""

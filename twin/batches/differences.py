@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import chdtrc
+import scipy
 
 from twin.diagnosis.deciding import TIE
 from twin.diagnosis.evidence import Gram, occam
@@ -118,7 +118,7 @@ def differing(
         done += [found] if found is not None else []
     done.sort(key=lambda d: -d.evidence)
     tries = max(len(rows), 1)
-    by_chance = 1 - (1 - float(chdtrc(1, max(done[0].fall, 0.0)))) ** tries if done else 1.0
+    by_chance = 1 - (1 - float(scipy.special.chdtrc(1, max(done[0].fall, 0.0)))) ** tries if done else 1.0
     proven = bool(done) and done[0].evidence >= TIE and (not asked.before.adequate or by_chance < DETECTED)
     hints = {change.name: hint for change, hint, _ in rows}
     return Differing(before=asked.before, ranking=tuple(done), proven=proven, hints=hints)

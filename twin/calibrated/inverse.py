@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from twin.calibrated.predictions import Prediction, WantedCourse, followed, interval, predicted
 from twin.calibrated.problem import CalibrationProblem
@@ -133,7 +133,7 @@ def first_crossing(pressure: Array, u: Array, value: float) -> tuple[float, floa
     >>> first_crossing(np.array([0.0, 0.01, 0.02]), np.array([0.0, -5.0, -10.0]), -5.0)
     (0.01, -500.0)
     """
-    curve = PchipInterpolator(pressure, u - value)
+    curve = scipy.interpolate.PchipInterpolator(pressure, u - value)
     roots = [float(x) for x in curve.roots(extrapolate=False) if np.isfinite(x) and x > 0]
     roots = [x for x in roots if abs(float(curve(x, 1))) > 0]
     return (min(roots), float(curve(min(roots), 1))) if roots else None

@@ -16,8 +16,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
-from scipy.special import ndtri
+import scipy
 
 from calibrate.parameters import Array, bounds
 from calibrate.posteriors import Chain, sampled, spread
@@ -104,7 +103,7 @@ class Density:
                 "which tells how far each may go"
             )
         scaled = np.asarray(np.linalg.solve(scale, positions.T).T, float)
-        between = RBFInterpolator(scaled, moved, kernel="thin_plate_spline", degree=1)
+        between = scipy.interpolate.RBFInterpolator(scaled, moved, kernel="thin_plate_spline", degree=1)
         small, priors = np.asarray(np.linalg.qr(rows).R), priors_of(response.parameters, targets)
         return Density(response, small, between, scale, stiffness, guard, priors, beside)
 
@@ -322,7 +321,7 @@ class Sampler:
         """Parameters (2 d, d) of the response's whole solves around the fit."""
         size = len(self.theta)
         unit = even(np.zeros(size), np.ones(size), 2 * size)
-        theta = self.theta + WIDER * ndtri(unit) @ scale.T
+        theta = self.theta + WIDER * scipy.special.ndtri(unit) @ scale.T
         return np.clip(theta, *bounds(self.model.parameters))
 
     def _start(self, density: Density, seed: int) -> Array:

@@ -12,8 +12,8 @@ from itertools import count as counting
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtrc, chdtri
 
 from calibrate import Fit, Parameter, least_squares
 from calibrate.genetic import GENERATIONS, Front, pareto_front
@@ -158,7 +158,7 @@ class TradeOff:
         """The excess that noise alone goes beyond in LEVEL of all tests of a model that is right: of chi2
         with as many degrees of freedom as parameters, for all parts together (Bonferroni)."""
         level = LEVEL / len(self.parts)
-        return float(chdtri(len(self.fit.theta), level))
+        return float(scipy.special.chdtri(len(self.fit.theta), level))
 
     @property
     def lacking(self) -> tuple[str, ...]:
@@ -167,7 +167,7 @@ class TradeOff:
         return tuple(
             p.name
             for p, x in zip(self.parts, self.least, strict=True)
-            if chdtrc(max(p.whitener.count - free, 1), x) < LACKING
+            if scipy.special.chdtrc(max(p.whitener.count - free, 1), x) < LACKING
         )
 
     @property

@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy.interpolate import CubicSpline
 from typer import Argument, Option
 
 from fe.engines.calculix import CalculiX, check, without_hybrid
@@ -173,7 +173,7 @@ def _response(
     predictions = predicted(bench, record, courses, places, say)
     u = np.array([prediction.u[0] for prediction in predictions])  # (k, p, 3)
     from_rest = np.concatenate([np.zeros((1, *u.shape[1:])), u])
-    slope = CubicSpline(np.append(0.0, levels), from_rest, axis=0)(levels, 1)
+    slope = scipy.interpolate.CubicSpline(np.append(0.0, levels), from_rest, axis=0)(levels, 1)
     rows = [
         ResponseRow(
             point=name, pressure_MPa=float(p), u_mm=tuple(u[k, j]), slope_mm_per_MPa=tuple(slope[k, j]),

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from twin.diagnosis.classes import Mimics
 from twin.diagnosis.explanation import EvidenceRecord
@@ -148,7 +148,7 @@ def reliable(tries: int) -> float:
     >>> round(reliable(1), 2), round(reliable(25), 2)
     (3.86, 4.82)
     """
-    return float(-ndtri(DETECTED / 2 / max(tries, 1)) + ndtri(POWER))
+    return float(-scipy.special.ndtri(DETECTED / 2 / max(tries, 1)) + scipy.special.ndtri(POWER))
 
 
 def doubts(h: Hypothesis) -> tuple[bool, bool, bool, int]:

@@ -7,9 +7,8 @@ standard deviation of its parameter's prior, both apart from what was fitted (`a
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
-from scipy.special import log_ndtr
 
 from twin.targets import Array
 
@@ -68,7 +67,9 @@ class Gram:
         root = np.sqrt(sizes[keep])[:, None] * turn[:, keep].T  # root' root = S, and root' right = b
         right = (turn[:, keep].T @ self.b) / np.sqrt(sizes[keep])
         inside = np.minimum(low, high - 1e-12), high
-        x = lsq_linear(root, right, bounds=inside, method="bvls" if len(self.b) > 1 else "trf").x
+        x = scipy.optimize.lsq_linear(
+            root, right, bounds=inside, method="bvls" if len(self.b) > 1 else "trf"
+        ).x
         if len(self.b) == 1:
             x = np.clip(self.b / self.S[0], low, high)
         return np.asarray(x, float), max(float(2 * x @ self.b - x @ self.S @ x), 0.0)
@@ -88,7 +89,7 @@ def log_bayes(S: Array, b: Array, one_sided: NDArray[np.bool_]) -> Array:
     half = np.linalg.solve(factor, b[..., None])
     mean = np.linalg.solve(np.swapaxes(factor, -1, -2), half)[..., 0]
     sd = np.sqrt((np.linalg.inv(factor) ** 2).sum(axis=-2))
-    above = np.log(2.0) + log_ndtr(np.clip(mean / sd, -30.0, None))
+    above = np.log(2.0) + scipy.special.log_ndtr(np.clip(mean / sd, -30.0, None))
     size = 2 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
     return np.asarray((half[..., 0] ** 2).sum(axis=-1) - size + 2 * (above * one_sided).sum(axis=-1))
 

@@ -10,8 +10,8 @@ from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from calibrate import holm, sidak
 from twin.diagnosis.evidence import Gram, log_bayes
@@ -58,7 +58,7 @@ def _chance(gain: float, signature: Signature) -> float:
     of it for a single one-sided one (Self & Liang 1987, doi 10.2307/2289471)."""
     if gain <= 0:
         return 1.0
-    p = float(chdtrc(len(signature.parameters), gain))
+    p = float(scipy.special.chdtrc(len(signature.parameters), gain))
     return p / 2 if len(signature.parameters) == 1 and signature.one_sided[0] else p
 
 

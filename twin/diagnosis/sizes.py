@@ -9,8 +9,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy.special import ndtri
 
 from calibrate import Parameter
 from twin.diagnosis.evidence import apart, orthonormal
@@ -67,7 +67,7 @@ def smallest(
     if not visible:
         return unseen(effect, "cannot be seen apart from the fitted parameters with these data")
     threshold = quantile(alpha, effects=effects, entries=len(seen), one_sided=p.null == p.low)
-    needed = threshold + float(ndtri(power))
+    needed = threshold + float(scipy.special.ndtri(power))
     size, least = needed / min(visible), needed / max(visible)
     room = max(p.high - null(p), null(p) - p.low)
     if least > room:
@@ -96,7 +96,7 @@ def quantile(alpha: float, *, effects: int, entries: int, one_sided: bool) -> fl
     3.719
     """
     level = -math.expm1(math.log1p(-alpha / effects) / entries)
-    return -float(ndtri(level if one_sided else level / 2))
+    return -float(scipy.special.ndtri(level if one_sided else level / 2))
 
 
 def in_words(rows: Sequence[Detectable]) -> str:

@@ -10,8 +10,8 @@ from pathlib import Path
 import av
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from twin import files
 from twin.review.filmed import Filmed
@@ -175,7 +175,7 @@ def _contour(corners: Array) -> Array:
 def _on_contour(points: Array, contour: Array) -> tuple[Array, Array]:
     """Arc length of points (n, 2) along a contour (m, 2) of neighbouring pixels, and their distance from it.
     """
-    neighbours = cKDTree(contour).query(points)
+    neighbours = scipy.spatial.cKDTree(contour).query(points)
     off, nearest = np.asarray(neighbours[0], np.float64), np.asarray(neighbours[1], np.intp)
     steps = np.linalg.norm(np.diff(contour, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])[nearest], off

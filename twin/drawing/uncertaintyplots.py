@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from twin.drawing.theme import (
     AFTER,
@@ -65,7 +65,8 @@ def _profile(axes: Axes, curve: ProfileCurve, level: float) -> None:
     root = np.sign(x - curve.best) * np.sqrt(deviance)  # nearly straight, so it is interpolated
     if len(x) > 1:
         fine = np.linspace(x[0], x[-1], 300)
-        axes.plot(fine, np.exp(-(PchipInterpolator(x, root)(fine) ** 2) / 2), color=AFTER, label="profile")
+        root_at = scipy.interpolate.PchipInterpolator(x, root)(fine)
+        axes.plot(fine, np.exp(-(root_at**2) / 2), color=AFTER, label="profile")
         if math.isfinite(curve.sd) and curve.sd > 0:
             normal = np.exp(-(((fine - curve.centre) / curve.sd) ** 2) / 2)
             axes.plot(fine, normal, "--", color=BEFORE, label="by covariance")

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import BSpline
+import scipy
 
 from calibrate import Parameter
 from fe import Case
@@ -175,4 +175,4 @@ def shares(place: float) -> Array:
     >>> round(float(shares(0.37).sum()), 12)
     1.0
     """
-    return np.asarray(BSpline(_knots(), np.eye(STATIONS), DEGREE)(place), float)
+    return np.asarray(scipy.interpolate.BSpline(_knots(), np.eye(STATIONS), DEGREE)(place), float)

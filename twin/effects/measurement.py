@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+import scipy
 
 from calibrate import Parameter
 from twin.effects.phrases import felt, listed, number, percent, way
@@ -180,5 +180,5 @@ def shifted(time: Array, values: Array, shift: float) -> Array:
     """
     if len(time) < 2:
         return values
-    curve = CubicHermiteSpline(time, values, np.gradient(values, time))
+    curve = scipy.interpolate.CubicHermiteSpline(time, values, np.gradient(values, time))
     return np.asarray(values + (curve(np.clip(time - shift, time[0], time[-1])) - curve(time)), float)

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 from twin.experiments.plannedfilms import Shown
 from twin.judging.whitening import Whitener
@@ -72,7 +72,7 @@ def separation(rows: Sequence[Rows], *, low: Array, high: Array) -> float:
     target = (axes[:, keep].T @ (right / scale)) / np.sqrt(sizes[keep])
     free = np.full(len(matrix) - d, np.inf)
     ends = np.append(low, -free), np.append(high, free)
-    solution = lsq_linear(root, target, bounds=ends, method="bvls", tol=1e-12)
+    solution = scipy.optimize.lsq_linear(root, target, bounds=ends, method="bvls", tol=1e-12)
     distance2 = float(total) - float(target @ target) + 2.0 * float(solution.cost)
     return float(np.sqrt(max(distance2, 0.0)))
 

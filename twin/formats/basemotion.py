@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from twin.targets import Array
 
@@ -98,7 +98,7 @@ def exchanged(rest: Array, first: Array) -> tuple[int, int] | None:
     """
     known: NDArray[np.intp] = np.flatnonzero(np.isfinite(rest).all(axis=1) & np.isfinite(first).all(axis=1))
     away = np.linalg.norm(rest[known, None] - first[None, known], axis=2)
-    rows, columns = linear_sum_assignment(away)
+    rows, columns = scipy.optimize.linear_sum_assignment(away)
     if not len(known) or away[rows, rows].sum() - away[rows, columns].sum() < EXCHANGED_MM:
         return None
     k = int(np.flatnonzero(rows != columns)[0])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtrc
+import scipy
 
 from calibrate import least_squares
 from twin.effects.protocol import Unsolvable
@@ -102,8 +102,8 @@ class _Joint:
             tests=tuple(map(self._test, self.targets.curves, decide[1:])),
             film_decides=decide[0],
             **self._shears(step, theta),
-            p_value=float(chdtrc(spare, excess)) if spare else None,
-            law_p_value=float(chdtrc(lacking, least)) if lacking > 0 else None,
+            p_value=float(scipy.special.chdtrc(spare, excess)) if spare else None,
+            law_p_value=float(scipy.special.chdtrc(lacking, least)) if lacking > 0 else None,
             finger_stretch=finger_stretch,
             sentence="",
         )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import lsq_linear
+import scipy
 
 from twin.judging.comparison import ADEQUATE, lack_of_fit, smooth_functions
 from twin.judging.judged import Judged, judge, judge_fit
@@ -145,4 +145,4 @@ def _bounded_step(fitted: Array, z: Array, bounds: tuple[Array, Array]) -> Array
         return np.asarray(step, float)
     q, r = np.linalg.qr(fitted / lengths)
     ends = np.minimum(low * lengths, -1e-12), np.maximum(high * lengths, 1e-12)
-    return np.asarray(lsq_linear(r, q.T @ z, bounds=ends, method="bvls").x / lengths, float)
+    return np.asarray(scipy.optimize.lsq_linear(r, q.T @ z, bounds=ends, method="bvls").x / lengths, float)

@@ -10,9 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
-from scipy.special import chdtrc
 
 from twin.judging.comparison import branches
 from twin.judging.lawerrors import memory
@@ -73,7 +72,8 @@ def own_scatter(targets: Targets) -> Scatter | None:
     if len(steps) <= basis.shape[1] or free < LEAST:
         return None
     likelihood = _likelihood(basis, left, first, columns)
-    rho = float(minimize_scalar(lambda r: likelihood(r)[0], bounds=(0.0, 0.99), method="bounded").x)
+    best = scipy.optimize.minimize_scalar(lambda r: likelihood(r)[0], bounds=(0.0, 0.99), method="bounded")
+    rho = float(best.x)
     rho = 0.0 if likelihood(0.0)[0] <= likelihood(rho)[0] else rho
     new = _new(np.column_stack([basis, left]), first, rho)
     q = np.linalg.qr(new[:, : basis.shape[1]])[0]
@@ -88,7 +88,7 @@ def own_scatter(targets: Targets) -> Scatter | None:
         deviance, variance = likelihood(stated_rho)
         ratio = variance / stated_sd**2
         worse = (deviance - least + free * (ratio - 1 - np.log(ratio))) / alike
-        return float(chdtrc(2, max(worse, 0.0)))
+        return float(scipy.special.chdtrc(2, max(worse, 0.0)))
 
     if rho > MOST_RHO or not _even((new**2).sum(axis=1), columns / alike):
         return None

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from twin.judging.noisefilter import NoiseFilter, noise_filter
 from twin.model.discretisation import WALL
@@ -295,7 +295,7 @@ class Whitener:
         if min(mean, variance) <= 0.0:  # by rounding: as many constants as values leave nothing
             return Expected(0.0, 0.0, 0.0)
         shape = mean**2 / variance
-        low, high = np.sqrt(gammaincinv(shape, np.array([0.025, 0.975])) * mean / shape)
+        low, high = np.sqrt(scipy.special.gammaincinv(shape, np.array([0.025, 0.975])) * mean / shape)
         return Expected(float(np.sqrt(mean)), float(low), float(high))
 
     @property

@@ -13,8 +13,8 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from fe import Case
 from fe.element import Integers
@@ -84,7 +84,8 @@ class KnownFinger:
 
     def response(self, mesh: Mesh, *, constants: Constants, pressure: Array, points: Array) -> Array:
         """Displacements (k, p, 3) mm of points (p, 3) mm on a mesh, at pressures (k,) MPa."""
-        curve = CubicSpline(self.fine, self.meshes[mesh.key].at(mesh.build(), points), axis=0)
+        u = self.meshes[mesh.key].at(mesh.build(), points)
+        curve = scipy.interpolate.CubicSpline(self.fine, u, axis=0)
         return np.asarray(curve(pressure / constants.scale))
 
     def arrays(self) -> dict[str, NDArray[Any]]:

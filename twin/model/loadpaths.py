@@ -12,7 +12,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BarycentricInterpolator
+import scipy
 
 from fe import Case, Path, solve
 from fe.case import digest
@@ -242,7 +242,7 @@ def _blend(nodes: Array, x: float) -> Array:
     if len(nodes) == 1:
         return np.ones(1)
     # SciPy takes the nodes in an order drawn at random: without a seed no two runs end in the same bits
-    return np.asarray(BarycentricInterpolator(nodes, np.eye(len(nodes)), rng=0)(x))
+    return np.asarray(scipy.interpolate.BarycentricInterpolator(nodes, np.eye(len(nodes)), rng=0)(x))
 
 
 def _extended(u: Array) -> Array:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from fe.element import Integers
 from twin.targets import Array
@@ -41,7 +41,7 @@ class MeshChanges:
     def softer(self) -> Array:
         """Displacements (g, k, m, 3) mm that a softer silicone adds, to first order, for a fall of the scale
         by itself: as much as more pressure does, and a larger sag."""
-        slope = CubicSpline(self.grid, self.base, axis=1)(self.grid, 1)
+        slope = scipy.interpolate.CubicSpline(self.grid, self.base, axis=1)(self.grid, 1)
         return np.asarray(slope * self.grid[:, None, None] + self.base[:, :1], float)
 
     @cached_property
@@ -100,12 +100,12 @@ class MeshChanges:
 class Curves:
     """Values over pressure under each gravity: cubic splines, straight beyond their ends."""
 
-    spline: CubicSpline
+    spline: "scipy.interpolate.CubicSpline"
 
     @staticmethod
     def through(grid: Array, values: Array) -> "Curves":
         """The curves through values (k, n, g, ...) at pressures (k,) MPa."""
-        return Curves(CubicSpline(grid, values, axis=0))
+        return Curves(scipy.interpolate.CubicSpline(grid, values, axis=0))
 
     def at(self, q: Array, rows: Integers) -> tuple[Array, Array]:
         """Values and their derivatives per MPa (s, n, ...) at pressures (s,) MPa, under gravities (s,)."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from twin.targets import Array
 
@@ -66,7 +66,7 @@ def damped_sine(time: Array, signals: Array, *, near: float) -> DampedSine:
 
     w = 2 * np.pi * near
     exact: Any = {"diff_step": 1e-6, "xtol": 1e-12, "ftol": 1e-12}
-    found = least_squares(left, [w, 0.05], x_scale=[0.1 * w, 0.05], **exact)
+    found = scipy.optimize.least_squares(left, [w, 0.05], x_scale=[0.1 * w, 0.05], **exact)
     r, free = found.fun, found.fun.size - 2 - (DRIFT + 3) * signals.shape[1]
     variance = float(r @ r) / free * _lasting(r.reshape(signals.shape))
     J = np.asarray(found.jac, float)

@@ -4,9 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
-from scipy.special import chdtrc
 
 from twin.ringing.dampedsine import DampedSine, damped_sine
 from twin.targets import Array
@@ -189,7 +188,7 @@ def _swinging(t: Array, s: Array) -> float:
     speed = speed * np.hanning(2 * len(speed))[len(speed) :]
     power = np.abs(np.fft.rfft(speed, 8 * len(speed)))
     frequency = np.fft.rfftfreq(8 * len(speed), even[1] - even[0])
-    peaks, shape = find_peaks(power, prominence=0.0)
+    peaks, shape = scipy.signal.find_peaks(power, prominence=0.0)
     return float(frequency[peaks[shape["prominences"].argmax()]]) if len(peaks) else 0.0
 
 
@@ -223,6 +222,6 @@ def _line(x: Array, value: Array, sd: Array) -> tuple[float, float, float]:
     c = covariance @ weight.T @ (value / sd)
     free = len(x) - A.shape[1]
     misfit = float((((value - A @ c) / sd) ** 2).sum())
-    more = misfit / free if free and chdtrc(free, misfit) < RARE else 1.0
+    more = misfit / free if free and scipy.special.chdtrc(free, misfit) < RARE else 1.0
     slope = float(c[1]) if len(c) > 1 else np.nan
     return float(c[0]), float(np.sqrt(covariance[0, 0] * more)), slope

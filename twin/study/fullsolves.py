@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from fe import Case, Path, solve
 from fe.element import triangles
@@ -86,7 +86,8 @@ def _by_jobs(
             shapes = []
             for step, pressure in zip(o.steps[:2], (o.pressure[0], 0.0), strict=False):
                 q, u = jobs.course(candidate, highest, gravities[of_step[step]][:3])
-                shapes.append(CubicSpline(q, u[:, : len(bench.case.nodes)], axis=0)(pressure))
+                nodal = u[:, : len(bench.case.nodes)]
+                shapes.append(scipy.interpolate.CubicSpline(q, nodal, axis=0)(pressure))
             fields[g.best.tobytes()] = shapes[0] - shapes[-1] if len(shapes) > 1 else shapes[0]
     return np.array([fields[g.best.tobytes()] for g in generations])
 

@@ -8,8 +8,7 @@ error hardly changes along the ridge, two searches end at different places of it
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.special import chdtri
+import scipy
 
 from calibrate import Fit, Parameter, identifiability
 from twin.laws.mooneyrivlin import MOONEY_RIVLIN, NAMES
@@ -34,7 +33,7 @@ def agreeing(share: Array, rms_mm: Array, *, sd_mm: float, count: int) -> tuple[
     (0.25, 0.75)
     """
     chi2 = count * rms_mm**2 / sd_mm**2
-    inside = share[chi2 <= chi2.min() + chdtri(1, 0.05)]
+    inside = share[chi2 <= chi2.min() + scipy.special.chdtri(1, 0.05)]
     return float(inside.min()), float(inside.max())
 
 
@@ -74,7 +73,7 @@ def _lowest(cost: Cost, parameters: tuple[Parameter, ...], share: float) -> tupl
     if k in (0, TOTALS - 1) or not np.isfinite(errors[k - 1 : k + 2]).all():
         return None
     bounds = (grid[k - 1], grid[k + 1])
-    best = minimize_scalar(error, bounds=bounds, method="bounded", options={"xatol": 1e-7})
+    best = scipy.optimize.minimize_scalar(error, bounds=bounds, method="bounded", options={"xatol": 1e-7})
     return float(np.exp(best.x)), float(best.fun)
 
 

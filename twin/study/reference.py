@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from calibrate import Fit
 from twin import files
@@ -163,7 +163,8 @@ class Reference:
 
         grid = AROUND * final.total
         sign = np.sign([excess(float(x)) for x in grid])
-        return [float(brentq(excess, grid[k], grid[k + 1])) for k in np.flatnonzero(sign[1:] != sign[:-1])]
+        crossed = np.flatnonzero(sign[1:] != sign[:-1])
+        return [float(scipy.optimize.brentq(excess, grid[k], grid[k + 1])) for k in crossed]
 
     @cached_property
     def information(self) -> Array:

@@ -6,8 +6,8 @@ from itertools import product
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from vision.camera import Array, Image
 
@@ -75,7 +75,7 @@ def walk(centre: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """
     if len(centre) < 4:
         return np.empty(0, np.intp), np.empty((0, 2), np.intp)
-    tree = cKDTree(centre)
+    tree = scipy.spatial.cKDTree(centre)
     starts = np.argsort(np.linalg.norm(centre - np.median(centre, axis=0), axis=1))[:6]
     grids = [_walk_from(int(s), centre, tree) for s in starts]
     best = max(grids, key=len)
@@ -83,7 +83,7 @@ def walk(centre: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return rows, np.array([best[int(r)] for r in rows], dtype=np.intp).reshape(-1, 2)
 
 
-def _walk_from(start: int, centre: Array, tree: cKDTree) -> dict[int, tuple[int, int]]:
+def _walk_from(start: int, centre: Array, tree: "scipy.spatial.cKDTree") -> dict[int, tuple[int, int]]:
     """Steps of every dot that is reached from one."""
     steps = _first_steps(start, centre, tree)
     if steps is None:
@@ -107,7 +107,7 @@ def _walk_from(start: int, centre: Array, tree: cKDTree) -> dict[int, tuple[int,
     return place
 
 
-def _first_steps(start: int, centre: Array, tree: cKDTree) -> Array | None:
+def _first_steps(start: int, centre: Array, tree: "scipy.spatial.cKDTree") -> Array | None:
     """Two steps (2,2) px from a dot to neighbours that have an opposite one, of the least sum of lengths: the
     grid's own up to 55 degrees of tilt."""
     near = np.ravel(tree.query(centre[start], k=min(9, len(centre)))[1])[1:]
@@ -124,6 +124,6 @@ def _first_steps(start: int, centre: Array, tree: cKDTree) -> Array | None:
 def coding(dots: Dots, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Mask (m,) of the coding dots: rings, or larger than the dots around them."""
     centre = dots.centre[rows]
-    near = cKDTree(centre).query(centre, k=min(9, len(centre)))[1]
+    near = scipy.spatial.cKDTree(centre).query(centre, k=min(9, len(centre)))[1]
     usual = np.median(dots.area[rows][near], axis=1)
     return np.asarray(dots.ring[rows] | (dots.area[rows] > LARGER * usual))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc
+import scipy
 
 from vision.camera import Array, Camera
 from vision.errors.sharederrors import UNLIKELY
@@ -72,7 +72,7 @@ def frame_fit(
     return replace(
         fit, odd=marks[rows[best]].name, left_mm=float(remaining[best]),
         seen_at=(float(seen[0]), float(seen[1])), away_mm=float(np.hypot(*(seen - nominal[best]))),
-        chance=float(chdtrc(free, remaining[best] ** 2 / sd_mm**2 * free)),
+        chance=float(scipy.special.chdtrc(free, remaining[best] ** 2 / sd_mm**2 * free)),
     )  # fmt: skip
 
 
@@ -138,7 +138,7 @@ def _misfit(nominal: Array, pixels: Array, camera: Camera | None) -> tuple[Array
 
 
 def _contradicts(rms: float, free: int, sd_mm: float) -> bool:
-    return bool(chdtrc(free, rms**2 * free / sd_mm**2) < UNLIKELY)
+    return bool(scipy.special.chdtrc(free, rms**2 * free / sd_mm**2) < UNLIKELY)
 
 
 def _explains(misfit: Array, best: int, overall: float) -> bool:

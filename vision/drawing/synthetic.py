@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, map_coordinates
 
 from vision.boards.board import Board
 from vision.camera import Array, Camera, Image
@@ -123,7 +123,7 @@ def board_image(
     px_per_mm = camera.matrix[0, 0] * np.linalg.norm(homography[:, 0]) / middle[2]
     paper, origin, per_mm = board.print_of(max(3.0 * px_per_mm * board.square_mm, 24.0))
     paper = 1.0 - paper if board.inverted else paper
-    blurred = gaussian_filter(paper, blur_px * per_mm / px_per_mm)
+    blurred = scipy.ndimage.gaussian_filter(paper, blur_px * per_mm / px_per_mm)
     picture = _background(camera.size, np.random.default_rng(seed))
     rays = _rays_of(camera)
     local = _local(np.linalg.inv(homography), rays.at(slice(None), slice(None)))
@@ -272,7 +272,8 @@ def _local(inverse: NDArray[np.floating], rays: NDArray[np.floating]) -> Array:
 
 
 def _lookup(texture: Array, texel: Array) -> Array:
-    return np.asarray(map_coordinates(texture, [texel[..., 1], texel[..., 0]], order=1, mode="nearest"))
+    place = [texel[..., 1], texel[..., 0]]
+    return np.asarray(scipy.ndimage.map_coordinates(texture, place, order=1, mode="nearest"))
 
 
 def _texture(mark: Mark, px_per_mm: float, blur_px: float, dictionary: str) -> _Texture:
@@ -285,8 +286,9 @@ def _texture(mark: Mark, px_per_mm: float, blur_px: float, dictionary: str) -> _
 
 
 def _blur(texture: Array, sigma: float) -> Array:
-    blurred = gaussian_filter(texture, sigma, truncate=4.0, mode="constant") if sigma > 0 else texture
-    return np.asarray(blurred)
+    if sigma <= 0:
+        return texture
+    return np.asarray(scipy.ndimage.gaussian_filter(texture, sigma, truncate=4.0, mode="constant"))
 
 
 def _background(size: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32]:

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from vision.camera import Array
 from vision.errors.staticnoise import CREEP, FAST, FAST_PX, PASSING, REST, SHAKEN
@@ -259,7 +259,7 @@ def frame_sd(
     """
     seen, power = np.isfinite(misfit[:, 0]), np.nan_to_num(misfit**2).sum(axis=1)
     free = int(seen.sum()) * misfit.shape[1] - fitted
-    if free < 1 or chdtrc(free, power.sum() / (nominal_sd**2 + noise)) > UNLIKELY:
+    if free < 1 or scipy.special.chdtrc(free, power.sum() / (nominal_sd**2 + noise)) > UNLIKELY:
         return nominal_sd, ()
     estimate = float(np.sqrt(power.sum() / free - noise))
     return estimate, (

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.optimize import nnls
 
 from vision.camera import Array
 from vision.following.markrotations import mean_seen
@@ -185,7 +184,7 @@ def states(ideal: Array) -> NDArray[np.int8]:
     """
     speed = _moved(ideal, -1, 0)
     # A patch that a regulator's ripple shakes rests in no frame between two of its moves.
-    shaken = maximum_filter1d((speed > DRIFT_PX).astype(np.int8), 2 * BETWEEN + 1, axis=0) > 0
+    shaken = scipy.ndimage.maximum_filter1d((speed > DRIFT_PX).astype(np.int8), 2 * BETWEEN + 1, axis=0) > 0
     kinds = speed > FAST_PX, _passing(ideal), shaken, _drift(ideal) > DRIFT_PX
     out = np.select(kinds, (FAST, PASSING, SHAKEN, CREEP), REST).astype(np.int8)
     # Coding refines the first picture of a film for some frames. What never moves keeps its static noise.
@@ -205,7 +204,7 @@ def _drift(ideal: Array) -> Array:
 def _passing(ideal: Array) -> NDArray[np.bool_]:
     """Mask (t,p): the BETWEEN frames before and those after lie more than a pixel apart in their mean, so
     that coding draws a new picture, with another error."""
-    mean = uniform_filter1d(ideal, BETWEEN, axis=0, mode="nearest")
+    mean = scipy.ndimage.uniform_filter1d(ideal, BETWEEN, axis=0, mode="nearest")
     half = (BETWEEN + 1) // 2
     return np.asarray(_moved(mean, -half, half) > FAST_PX)
 
@@ -254,7 +253,7 @@ def persistence_of(error: Array) -> Persistence:
     best, result = np.inf, (0.0, 1.0, 0.0)
     for rho in np.exp(-1.0 / np.geomspace(0.3, -1.0 / np.log(MOST_RHO), 80)):
         terms = np.stack([np.ones(len(lags)), 1.0 - _left(rho, lags)], axis=1) / semivariance[:, None]
-        (white, lasts), misfit = nnls(terms * weight[:, None], weight)
+        (white, lasts), misfit = scipy.optimize.nnls(terms * weight[:, None], weight)
         if misfit < best:
             best, result = misfit, (float(rho), float(white), float(lasts))
     rho, white, lasts = result

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from vision.camera import Array
 from vision.following import influence, registration
@@ -63,12 +63,12 @@ def spectra(reference: Templates) -> Spectra:
     """Fourier transforms of all reference patches, continued over their edges."""
     count = reference.grid.shape[1]
     side = round(float(np.sqrt(count)))
-    more = fft.next_fast_len(side + 2 * PAD, real=True) - side - PAD
+    more = scipy.fft.next_fast_len(side + 2 * PAD, real=True) - side - PAD
     wide = np.pad(reference.grey.reshape(-1, side, side), ((0, 0), (PAD, more), (PAD, more)), mode="edge")
     size = wide.shape[1]
-    wave = 2.0 * np.pi * np.stack(np.meshgrid(fft.rfftfreq(size), fft.fftfreq(size)))
+    wave = 2.0 * np.pi * np.stack(np.meshgrid(scipy.fft.rfftfreq(size), scipy.fft.fftfreq(size)))
     pitch = float(reference.grid[0, 1] - reference.grid[0, 0])
-    return Spectra(side, pitch, wave, fft.rfft2(wide), reference.grid)
+    return Spectra(side, pitch, wave, scipy.fft.rfft2(wide), reference.grid)
 
 
 def adjust(
@@ -175,7 +175,7 @@ def _design(fourier: Spectra, row: int, blur: Array) -> Array:
     ])  # fmt: skip
     size = fourier.wave.shape[1]
     inside = slice(PAD, PAD + fourier.side)
-    seen = fft.irfft2(fields, (size, size))[:, inside, inside].reshape(6, -1)
+    seen = scipy.fft.irfft2(fields, (size, size))[:, inside, inside].reshape(6, -1)
     (grey, gx, gy, *widths), (x, y, ones) = seen, fourier.grid
     radial = gx * x + gy * y
     place = [gx * x, gx * y, gx, gy * x, gy * y, gy, -radial * x, -radial * y]

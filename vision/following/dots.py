@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates, spline_filter
 from skimage.measure import find_contours
 
 from vision.camera import Array, Camera, Image
@@ -72,7 +72,7 @@ def find_dots(
     if high_grey - low_grey < MIN_CONTRAST:
         return []
     smooth = np.asarray(cv2.GaussianBlur(part, (0, 0), SMOOTH_PX), dtype=np.float64)
-    coefficients = spline_filter(smooth, order=3, mode="mirror")
+    coefficients = scipy.ndimage.spline_filter(smooth, order=3, mode="mirror")
     dots: list[Dot] = []
     for share in LEVELS:
         for contour in find_contours(smooth, low_grey + share * (high_grey - low_grey)):
@@ -118,7 +118,7 @@ def _at_half_step(coefficients: Array, contour: Array) -> Array | None:
     """
 
     def grey(points: Array) -> Array:
-        return map_coordinates(coefficients, points.T, order=3, mode="mirror", prefilter=False)
+        return scipy.ndimage.map_coordinates(coefficients, points.T, order=3, mode="mirror", prefilter=False)
 
     centre = contour.mean(axis=0)
     ink = float(np.mean(grey(centre + INSIDE * (contour - centre))))

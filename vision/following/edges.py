@@ -1,7 +1,7 @@
 """Where the edge of a body crosses lines that are drawn through it, in one picture."""
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from vision.camera import Array
 
@@ -31,7 +31,7 @@ def edge_places(grey: Array, step_px: float, sign: float) -> Array:
     usual = max(float(np.median((sign * (outer - inner))[inside])) if inside.any() else 0.0, 1e-9)
     clear = inside & (sign * (outer - inner) > CONTRAST * usual)
     for side in (inner, outer):
-        clear &= np.abs(side - median_filter(side, BESIDE, mode="wrap")) < LIKE * usual
+        clear &= np.abs(side - scipy.ndimage.median_filter(side, BESIDE, mode="wrap")) < LIKE * usual
     middle = 0.5 * (inner + outer)
     place = np.full(len(grey), np.nan)
     for k in np.flatnonzero(clear):

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from vision.camera import Array, Camera, Image
 from vision.following.dots import Dot, find_dots
@@ -49,7 +49,7 @@ def assign(guess: Array, places: Array, gate: Array) -> tuple[NDArray[np.intp], 
         return chosen, doubt
     apart = np.linalg.norm(guess[:, None] - places[None], axis=-1)
     cost = np.where(apart <= gate[:, None], apart, 1e6)
-    for i, j in np.transpose(linear_sum_assignment(cost)).tolist():
+    for i, j in np.transpose(scipy.optimize.linear_sum_assignment(cost)).tolist():
         chosen[i] = j if cost[i, j] < 1e6 else -1
     owned = set(chosen.tolist())
     for i, j in enumerate(chosen.tolist()):

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from vision.camera import Array, Camera, Image
 from vision.dictionaries import dictionary_of, other_dictionary
@@ -54,7 +54,7 @@ def locate(image: Image, *, dictionary: str, camera: Camera | None = None) -> Lo
     start = np.array([corner_warp(used.undistort(quads[int(i)])) for i in ids])
     fit = _Fit(image, registration.lens_of(used), start, ids, dictionary)
     few = np.arange(len(ids))[:: max(len(ids) // SHOWS_BLUR, 1)]
-    blur = minimize_scalar(
+    blur = scipy.optimize.minimize_scalar(
         lambda b: -fit.at(b, few)[2].sum(), bounds=BLUR_PX, method="bounded", options={"xatol": 0.02}
     ).x
     templates, warp, correlation = fit.at(float(blur), np.arange(len(ids)))

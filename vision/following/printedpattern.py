@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from vision.camera import Array
 from vision.dictionaries import bits_of, dictionary_of
@@ -40,7 +40,9 @@ def printed_centres(mean: Array, grid: Array, codes: Sequence[int], dictionary: 
     def mismatch(blur: float) -> float:
         return -float(sum(_found(mean[i], grid, codes[i], dictionary, blur / scale[i])[1] for i in few))
 
-    best = minimize_scalar(mismatch, bounds=BLUR_PX, method="bounded", options={"xatol": 0.02}).x
+    best = scipy.optimize.minimize_scalar(
+        mismatch, bounds=BLUR_PX, method="bounded", options={"xatol": 0.02}
+    ).x
     centre = np.zeros((len(codes), 2))
     for i in seen:
         place, match = _found(mean[i], grid, codes[i], dictionary, best / scale[i])

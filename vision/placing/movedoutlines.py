@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from vision.camera import Array
 from vision.placing.outlines import WANDER, EdgeFit, rig_columns, robust, view_columns
@@ -175,7 +175,7 @@ class RestEdges:
         now = _Edges.of(fit, sight, BodySurface(faces, self.solid.held))
         view, rest = sight.view_of(fit.looks), self.edges
         before = now.material(sight.flat(self.solid.faces, fit.stands, view))
-        apart, same = (np.asarray(x) for x in cKDTree(rest.line.place).query(before))
+        apart, same = (np.asarray(x) for x in scipy.spatial.cKDTree(rest.line.place).query(before))
         at_rest = np.where(apart < SAME_MM, rest.off[same], np.nan)
         turned = now.line.normal - rest.line.normal[same]
         rig = (now.rig - rest.rig[same]) @ principal(fit.rig_spread).T

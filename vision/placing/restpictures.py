@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from vision.camera import Array, Camera
 from vision.errors.sharederrors import Stated
@@ -106,7 +106,8 @@ class RestSight:
     def grey(self, place: Array) -> Array:
         """Grey levels (...) at places (...,2) mm, of the nearest pixel outside the picture."""
         x, y = np.moveaxis(self.pixels(place), -1, 0)
-        return np.asarray(map_coordinates(self.rest.picture, [y, x], order=1, mode="nearest"), float)
+        grey = scipy.ndimage.map_coordinates(self.rest.picture, [y, x], order=1, mode="nearest")
+        return np.asarray(grey, float)
 
     def view_of(self, amplitude: Array) -> Viewpoint:
         """From where the camera looks, off the likeliest place by amplitudes (r,) of the errors of that."""

@@ -7,9 +7,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.spatial import cKDTree
 
 from vision.camera import Array
 from vision.perspective import Viewpoint
@@ -91,7 +90,7 @@ def silhouette(flat: Array) -> Silhouette:
     line = _contour(flat)
     step = np.linalg.norm(np.diff(line, axis=0, append=line[:1]), axis=1)
     span = max(round(SMOOTH_MM / float(step.mean())), 3)
-    smooth = uniform_filter1d(line, span, axis=0, mode="wrap")
+    smooth = scipy.ndimage.uniform_filter1d(line, span, axis=0, mode="wrap")
     tangent = np.roll(smooth, -span // 2, axis=0) - np.roll(smooth, span // 2, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     clockwise = np.sum(line[:, 0] * np.roll(line[:, 1], -1) - line[:, 1] * np.roll(line[:, 0], -1)) < 0
@@ -126,8 +125,8 @@ def cut(flat: Array, place: Array, normal: Array) -> Cut:
     """Where lines from places (k,2) mm along normals (k,2) leave faces (f,c,2) mm."""
     start, end = (x.reshape(-1, 2) for x in (flat, np.roll(flat, -1, axis=1)))
     reach = NEAR_MM + 0.5 * float(np.linalg.norm(end - start, axis=1).max())
-    middles = cKDTree(0.5 * (start + end))
-    pairs = cKDTree(place).sparse_distance_matrix(middles, reach, output_type="ndarray")
+    middles = scipy.spatial.cKDTree(0.5 * (start + end))
+    pairs = scipy.spatial.cKDTree(place).sparse_distance_matrix(middles, reach, output_type="ndarray")
     k, near = pairs["i"], pairs["j"]
     turned = np.stack([-normal[:, 1], normal[:, 0]], axis=1)[k]
     left, right = (((x[near] - place[k]) * turned).sum(axis=1) for x in (start, end))

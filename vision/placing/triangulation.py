@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from vision.calibration.rig import Rig, triangulate
 from vision.camera import Array
@@ -120,7 +120,7 @@ def rigid_fit(points: Array, nominal: Array) -> tuple[Array, Array]:
     power = np.linalg.svd(b.T @ a, compute_uv=False)
     if power[1] < 1e-6 * power[0]:
         raise ValueError("the frame markers lie on one line: mount them round the finger")
-    turn = Rotation.align_vectors(b, a)[0].as_matrix()
+    turn = scipy.spatial.transform.Rotation.align_vectors(b, a)[0].as_matrix()
     return turn, nominal[finite].mean(axis=0) - turn @ points[finite].mean(axis=0)
 
 
