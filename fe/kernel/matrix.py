@@ -107,9 +107,9 @@ class Symmetric:
     """One sparsity pattern, factorised many times; the symbolic analysis is done once.
 
     indptr, indices: the CSR pattern of the upper triangle including the diagonal, numbers of 32 bits. count:
-    how many times it was factorised; it solves with the newest factors alone. Cholesky's factors, and solves
-    with them, take some 0.85 of the time of L D L'; from the first matrix that is not positive definite on,
-    L D L' serves, until `begin`. definite: False where no matrix of the pattern can be.
+    how often its factors were replaced; it solves with the newest alone. Cholesky's factors, and solves with
+    them, take some 0.85 of the time of L D L'; from the first matrix that is not positive definite on, L D L'
+    serves, until `begin`. definite: False where no matrix of the pattern can be.
     """
 
     def __init__(self, indptr: Places, indices: Places, *, definite: bool = True) -> None:
@@ -126,6 +126,7 @@ class Symmetric:
         if self._definite and self._solver is not None and self._solver.mtype != CHOLESKY:
             _free(self._solver)
             self._solver, self._analysed = self._begun(CHOLESKY), False
+            self.count += 1
 
     def _begun(self, kind: int) -> Any:
         """PARDISO's solver of matrices of a kind, whose factors live outside Python's memory."""

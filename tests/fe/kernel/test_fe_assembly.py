@@ -12,7 +12,9 @@ import fe.solver.newton
 from fe import Case, Material, Support
 from fe.element import Array
 from fe.kernel.assembly import ElementConstants, Kernel, Memory, Softening, State
+from fe.kernel.matrix import Symmetric
 from fe.kernel.pressure import PressureFaces
+from fe.kernel.systems import Wider
 from fe.mesh.convert import converted
 from fe.solver.newton import Problem, Residual, Step, equilibrium
 from tests.fe.lawpoints import stress
@@ -264,3 +266,14 @@ def test_a_held_node_set_keeps_its_values(cube: Cube, silicone: Material) -> Non
     # equilibrium: free nodes carry exactly the dead force, spread evenly
     np.testing.assert_allclose(force[rows, 0], 0.03 / len(rows), atol=1e-9)
     np.testing.assert_allclose(force[rows, 1], 0.02 / len(rows), atol=1e-9)
+
+
+def test_a_solve_begins_anew_with_every_solver_of_its_kernel(cube: Cube, monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel, begun = Kernel(cube((1, 1, 1), pressurised="z1")), list[Symmetric]()
+    shared = kernel.with_shares(np.full(len(kernel.pressure.faces), 0.5))
+    for one in (kernel, shared):  # as where faces touch
+        one._widened = "", Wider.of(one._pattern, one._number[:6][None], one._solver)
+    monkeypatch.setattr(Symmetric, "begin", lambda self: begun.append(self))
+    kernel.begin()
+    wider = [one._widened[1].matrix for one in (kernel, shared) if one._widened]
+    assert [id(matrix) for matrix in begun] == [id(matrix) for matrix in (kernel.matrix, *wider)]

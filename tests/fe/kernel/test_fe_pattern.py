@@ -45,6 +45,8 @@ def test_a_matrix_that_is_not_positive_definite_is_solved_too_and_so_is_the_next
         np.testing.assert_allclose(a @ solver.solve(b), b, rtol=0, atol=1e-9)
         assert solver.negative == int((np.linalg.eigvalsh(a) < 0).sum())
         after.append(solver.solve(b))
+    count = solver.count
     solver.begin()
+    assert solver.count > count  # a step that was factorised before is told that its factors are gone
     solver.factorise(sp.triu(sp.csr_matrix(definite), format="csr").data)
     np.testing.assert_array_equal(solver.solve(b), after[0])  # as if it had been the first
